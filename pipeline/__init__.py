@@ -1,0 +1,1 @@
+"""Sequential multi-object grasping as a reproducible data pipeline."""

@@ -1,0 +1,1 @@
+"""Fan-out of independent items over processes (or, later, a cluster)."""

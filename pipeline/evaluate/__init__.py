@@ -1,0 +1,1 @@
+"""Stage evaluate: the whole sequence with a simulated robot."""

@@ -1,0 +1,112 @@
+"""Sample points on the hand's collision surface, and on flange and mount behind it."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.hand.allegro import load_hand, origin_matrix
+from pipeline.hand.assets import panda_description
+
+DENSITY_FACTOR = 20  # raw samples per kept point
+
+
+def farthest_points(points: NDArray[np.float64], count: int) -> NDArray[np.int64]:
+    """Return indices (count,) of farthest-point samples, beginning with the first point; ties go to the lower index."""
+    chosen = np.zeros(count, dtype=np.int64)
+    distance = np.full(len(points), np.inf)
+    for index in range(1, count):
+        distance = np.minimum(distance, ((points - points[chosen[index - 1]]) ** 2).sum(1))
+        chosen[index] = int(distance.argmax())
+    return chosen
+
+
+def _box_samples(half: NDArray[np.float64], count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    areas = np.array([half[1] * half[2], half[0] * half[2], half[0] * half[1]])
+    axis = rng.choice(3, count, p=areas / areas.sum())
+    points = rng.uniform(-1, 1, (count, 3)) * half
+    points[np.arange(count), axis] = np.where(rng.random(count) < 0.5, -1.0, 1.0) * half[axis]
+    return points
+
+
+@lru_cache(maxsize=4)
+def hand_surface(count: int = 1000) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return links (count,) and points (count, 3) in link frames, spread over all collision shapes by area.
+
+    The points are the same in every process: they are farthest-point samples of a fixed random draw.
+    """
+    hand = load_hand()
+    rng = np.random.Generator(np.random.PCG64(0))
+    box_areas = 8 * (hand.box_half * np.roll(hand.box_half, 1, axis=1)).sum(1)
+    sphere_areas = 4 * np.pi * hand.sphere_radius**2
+    areas = np.concatenate([box_areas, sphere_areas])
+    exact = areas / areas.sum() * count
+    counts = np.floor(exact).astype(int)
+    counts[np.argsort(-(exact - counts), kind="stable")[: count - counts.sum()]] += 1
+    links, points = [], []
+    for shape, number in enumerate(counts):
+        raw_count = int(number) * DENSITY_FACTOR
+        if shape < len(hand.box_link):
+            pose = hand.box_pose[shape]
+            raw = _box_samples(hand.box_half[shape], raw_count, rng) @ pose[:3, :3].T + pose[:3, 3]
+            link = hand.box_link[shape]
+        else:
+            sphere = shape - len(hand.box_link)
+            direction = rng.normal(size=(raw_count, 3))
+            unit = direction / np.linalg.norm(direction, axis=1, keepdims=True)
+            raw = hand.sphere_centre[sphere] + hand.sphere_radius[sphere] * unit
+            link = hand.sphere_link[sphere]
+        points.append(raw[farthest_points(raw, int(number))])
+        links.append(np.full(number, link))
+    return np.concatenate(links), np.concatenate(points)
+
+
+# Published mount between flange and hand (notes of the released robot description): panda_link7 -> mount -> base_link.
+T_LINK7_MOUNT = np.array([[-1.0, 0, 0, 0], [0, -1, 0, -0.02], [0, 0, 1, 0.107], [0, 0, 0, 1]])
+MOUNT_BOX_HALF = np.array([0.05, 0.034, 0.065]) / 2
+MOUNT_BOX_CENTRE = np.array([0.0, 0.0, 0.017])  # mount frame; the box is turned -90 degrees about x
+# Net link7 -> base_link: palm normal (+x) = +z of link7, hand +y = -x, fingers (+z) = -y.
+T_LINK7_HAND = np.array([[0, -1.0, 0, 0], [0, 0, -1, -0.14], [1, 0, 0, 0.132], [0, 0, 0, 1]])
+
+
+def mount_box_pose() -> NDArray[np.float64]:
+    """Return ``T_link7_box`` (4, 4) of the mount's collision box."""
+    T = np.eye(4)
+    T[:3, :3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]  # rpy (-pi/2, 0, 0)
+    T[:3, 3] = MOUNT_BOX_CENTRE
+    return T_LINK7_MOUNT @ T
+
+
+@lru_cache(maxsize=2)
+def mount_surface(count: int = 200) -> NDArray[np.float64]:
+    """Return points (count, 3), hand frame, on the convex hulls of panda_link7 and of the mount's box.
+
+    They are rigid in the hand frame, whatever the fingers do.
+    """
+    import xml.etree.ElementTree as ElementTree
+
+    import trimesh
+
+    root = ElementTree.parse(panda_description()).getroot()
+    collision = root.find("link[@name='panda_link7']/collision")
+    assert collision is not None
+    mesh = collision.find("geometry/mesh")
+    assert mesh is not None
+    flange = trimesh.load(panda_description().parent / mesh.get("filename", ""), force="mesh")
+    flange = flange.convex_hull.apply_transform(origin_matrix(collision.find("origin")))
+    corners = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), -1).reshape(-1, 3) * MOUNT_BOX_HALF
+    box_pose = mount_box_pose()
+    rng = np.random.Generator(np.random.PCG64(0))
+    raw = np.concatenate(
+        [
+            flange.vertices,
+            trimesh.sample.sample_surface(flange, count * 5, seed=0)[0],
+            corners @ box_pose[:3, :3].T + box_pose[:3, 3],
+            _box_samples(MOUNT_BOX_HALF, count * 2, rng) @ box_pose[:3, :3].T + box_pose[:3, 3],
+        ]
+    )
+    T_hand_link7 = np.linalg.inv(T_LINK7_HAND)
+    raw = raw @ T_hand_link7[:3, :3].T + T_hand_link7[:3, 3]
+    return raw[farthest_points(raw, count)]

@@ -1,0 +1,1 @@
+"""Stage merge: two-object grasps from validated single grasps."""

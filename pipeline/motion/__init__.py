@@ -1,0 +1,1 @@
+"""Arm motion: inverse kinematics, collision-free planning, time parametrisation."""

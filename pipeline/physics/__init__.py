@@ -1,0 +1,1 @@
+"""Simulated worlds: floating hand, support, Panda and Allegro; contacts and drift."""

@@ -1,0 +1,1 @@
+"""Ray-cast pictures of objects, hands and robots, without any graphics driver."""

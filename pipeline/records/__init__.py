@@ -1,0 +1,1 @@
+"""Table schemas, typed parameters, paths and errors: the only room that knows file layouts."""

@@ -1,0 +1,124 @@
+"""Typed parameters: the whole of ``params.yaml`` is checked before any stage starts its work.
+
+A stage asks for the sections that it declares in ``dvc.yaml`` and gets nothing else, so that a result cannot depend on
+a parameter that DVC does not know of::
+
+    parameters = load_parameters(["seed", "objects.cube", "synthesize.pinch"])
+    parameters["synthesize.pinch"].chains
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+from pydantic import Field, ValidationError, model_validator
+
+from pipeline.records import paths
+from pipeline.records.errors import UserError
+from pipeline.records.parameters.evaluate import EvaluateParameters
+from pipeline.records.parameters.merge import MergeParameters
+from pipeline.records.parameters.objects import ObjectParameters, StylesParameters
+from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.parameters.prepare import PrepareParameters
+from pipeline.records.parameters.report import ComputeParameters, ReportParameters, TrackParameters
+from pipeline.records.parameters.section import Section
+from pipeline.records.parameters.synthesize import SynthesizeParameters
+from pipeline.records.parameters.validate import ValidateParameters
+
+OBJECT_NAME = re.compile(r"[a-z][a-z0-9_]*")
+
+
+class Parameters(Section):
+    """The whole of ``params.yaml``."""
+
+    scale: Literal["demo", "paper", "tiny"] = Field(description="Which scale of conf/scale was composed.")
+    seed: int = Field(ge=0, description="Run seed; every item derives its own generator from it.")
+    styles: StylesParameters
+    objects: dict[str, ObjectParameters]
+    prepare: PrepareParameters
+    synthesize: SynthesizeParameters
+    physics: PhysicsParameters
+    validate_: ValidateParameters = Field(alias="validate")
+    merge: MergeParameters
+    evaluate: EvaluateParameters
+    report: ReportParameters
+    track: TrackParameters
+    compute: ComputeParameters
+
+    @model_validator(mode="after")
+    def _names_agree(self) -> Parameters:
+        for name in self.objects:
+            if not OBJECT_NAME.fullmatch(name):
+                raise ValueError(f"object name {name!r}: use small letters, digits and underscores, a letter first")
+        for style in ("pinch", "side"):
+            names = getattr(self.styles, style)
+            for name in names:
+                if name not in self.objects:
+                    raise ValueError(
+                        f"styles.{style} names the unknown object {name!r}; add it to objects or remove it"
+                    )
+            if len(set(names)) != len(names):
+                raise ValueError(f"styles.{style} names an object twice")
+        return self
+
+
+def _one_sentence(error: ValidationError, source: Path) -> str:
+    first = error.errors()[0]
+    where = ".".join(str(part) for part in first["loc"])
+    text = first["msg"].removeprefix("Value error, ")
+    if first["type"] == "extra_forbidden":
+        text = "unknown parameter (misspelt?)"
+    more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    return f"{source}: {where + ': ' if where else ''}{text}; correct it there{more}."
+
+
+def read_parameters(source: Path = paths.PARAMETERS_FILE) -> Parameters:
+    """Read and check all parameters.
+
+    Raises:
+        UserError: the file is missing, is not YAML, or has a wrong, unknown or missing value.
+    """
+    try:
+        content = yaml.safe_load(source.read_text())
+    except FileNotFoundError as error:
+        raise UserError(f"{source} is missing; run in the repository's root, or `git checkout {source}`.") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise UserError(f"{source} is not valid YAML: {' '.join(str(error).split())}; correct it there.") from error
+    if not isinstance(content, dict):
+        raise UserError(f"{source} holds no parameters; `git checkout {source}` restores it.")
+    try:
+        return Parameters.model_validate(content)
+    except ValidationError as error:
+        raise UserError(_one_sentence(error, source)) from error
+
+
+def load_parameters(sections: Iterable[str], source: Path = paths.PARAMETERS_FILE) -> dict[str, Any]:
+    """Check all parameters and return only the named sections.
+
+    Args:
+        sections: dotted names as in ``params:`` of ``dvc.yaml``, such as ``synthesize.pinch``.
+
+    Raises:
+        UserError: see :func:`read_parameters`, or a section (an object, say) does not exist.
+    """
+    parameters = read_parameters(source)
+    return {name: _section(parameters, name, source) for name in sections}
+
+
+def _section(parameters: Parameters, name: str, source: Path) -> Any:
+    value: Any = parameters
+    for part in name.split("."):
+        if isinstance(value, dict):
+            if part not in value:
+                known = ", ".join(sorted(value))
+                raise UserError(
+                    f"{source}: there is no object {part!r}; add it under `objects`, or use one of {known}."
+                )
+            value = value[part]
+        else:
+            value = getattr(value, "validate_" if part == "validate" else part)
+    return value

@@ -1,0 +1,29 @@
+"""`evaluate`: the whole sequence with a simulated Panda and Allegro."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from pipeline.records.parameters.section import Section
+
+
+class EvaluateParameters(Section):
+    """Scene, motion and success of a trial."""
+
+    trials: int = Field(25, ge=1, le=1000, description="Trials per pair. Paper: 25.")
+    object_distance: float = Field(0.2, gt=0.1, le=0.5, description="Between the objects, m. Paper: 0.2.")
+    perturbation: float = Field(
+        0.005, ge=0, le=0.05, description="Placement, uniform +- in x and y, m. Paper's code: 0.005."
+    )
+    yaw_perturbation: float = Field(0.0, ge=0, le=3.2, description="Placement, uniform +-, rad. Paper's code: 0.")
+    sponge_height: float = Field(0.1, gt=0, le=0.3, description="m. Paper's code: 0.10.")
+    lift_height: float = Field(
+        0.22, gt=0, le=0.4, description="Commanded last lift, m; must exceed success_height for sag. Paper: 0.20."
+    )
+    first_lift_height: float = Field(0.1, gt=0, le=0.4, description="Lift of object 0 alone, m. Paper's code: 0.10.")
+    success_height: float = Field(0.2, gt=0, le=0.4, description="Both objects above rest, m. Paper: 0.20.")
+    hold_seconds: float = Field(2.0, gt=0, le=20, description="For this long. Paper: 2.")
+    control_frequency: int = Field(50, ge=10, le=200, description="Joint targets per second. Paper's code: 20-50.")
+    close_seconds: float = Field(1.0, gt=0, le=5, description="Closing of fingers. Paper's code: 1.")
+    dwell_seconds: float = Field(0.3, ge=0, le=5, description="Rest after closing and before lifting.")
+    planning_attempts: int = Field(4, ge=1, le=20, description="Grasps tried when no motion is found. Paper's code: 1.")

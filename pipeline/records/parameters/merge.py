@@ -1,0 +1,27 @@
+"""`merge`: two-object grasps from validated single ones."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from pipeline.records.parameters.section import Section
+
+
+class MergeParameters(Section):
+    """How many two-object grasps per pair, and what they must pass."""
+
+    grasps_per_pair: int = Field(40, ge=1, description="Accepted grasps wanted per pair.")
+    most_combinations: int = Field(400, ge=1, description="Combinations tried per pair, in random order.")
+    penetration_tolerance: float = Field(
+        0.001, ge=0, description="Largest overlap of an object with what does not hold it, m."
+    )
+    mount_clearance: float = Field(
+        0.003, description="Least height of flange and mount over the support of object 1, m."
+    )
+    approach_lengths: list[float] = Field(
+        [0.2, 0.12, 0.07], min_length=1, description="Straight second approach, m, longest that is free."
+    )
+    physics_test: bool = Field(True, description="Six gravities with both objects in the hand.")
+    most_per_grasp: int = Field(
+        4, ge=1, description="Accepted pairs that may share one single grasp (distinct results)."
+    )

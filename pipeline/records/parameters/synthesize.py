@@ -1,0 +1,85 @@
+"""`synthesize`: the energy, the annealed chains, and the contact sets of each style."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from pipeline.records.parameters.section import Section
+
+Finger = Literal["thumb", "index", "middle", "ring", "palm"]
+
+
+class EnergyParameters(Section):
+    """Weights and filter of E = w_fc E_fc + w_dis E_dis + w_pen (E_pen + E_table) + w_spen E_spen + w_joints E_joints."""
+
+    weight_force_closure: float = Field(1.0, ge=0, description="Paper: 1.")
+    weight_distance: float = Field(100.0, ge=0, description="Per metre. Paper: 100.")
+    weight_penetration: float = Field(100.0, ge=0, description="Per metre. Paper: 100.")
+    weight_self_penetration: float = Field(30.0, ge=0, description="Per metre. Paper: 30.")
+    weight_joints: float = Field(1.0, ge=0, description="Per radian. Paper: 1.")
+    object_points: int = Field(2000, ge=100, le=4096, description="Object surface points of E_pen. Paper: 2000.")
+    hand_points: int = Field(1000, ge=100, le=4000, description="Hand surface points of E_table, E_spen. Paper: 1000.")
+    scale_torque: bool = Field(True, description="Divide torques by half the middle extent. Paper: metres, unscaled.")
+    balance_forces: bool = Field(
+        True, description="Opposing contact groups carry equal total force. Paper: unit forces."
+    )
+    limit_force_closure: float = Field(0.3, gt=0, description="Filter: largest E_fc. Paper: 0.3.")
+    limit_distance: float = Field(0.005, gt=0, description="Filter: largest E_dis, m. Paper: 0.005.")
+    limit_penetration: float = Field(0.001, gt=0, description="Filter: largest E_pen + E_table, m. Paper: 0.001.")
+    limit_self_penetration: float = Field(0.001, gt=0, description="Filter: largest E_spen, m. Paper: not filtered.")
+    limit_joints: float = Field(0.001, gt=0, description="Filter: largest E_joints, rad. Paper: not filtered.")
+
+
+class OptimizerParameters(Section):
+    """Annealed Metropolis-adjusted Langevin chains with a per-grasp preconditioner."""
+
+    step: float = Field(0.01, gt=0, le=0.1, description="First step (m, rad). Paper's code: 0.005.")
+    step_decay: float = Field(0.95, gt=0, le=1, description="Factor per step period. Paper's code: 0.95.")
+    step_period: int = Field(50, ge=1, description="Iterations per decay at 6000 iterations; scaled with length.")
+    temperature: float = Field(18.0, gt=0, description="First temperature. Paper's code: 18.")
+    temperature_decay: float = Field(0.95, gt=0, le=1, description="Factor per temperature period. Paper's code: 0.95.")
+    temperature_period: int = Field(
+        30, ge=1, description="Iterations per decay at 6000 iterations; scaled with length."
+    )
+    switch_probability: float = Field(
+        0.3, ge=0, le=1, description="Contact re-draw per contact and step. Paper's code: 0.5."
+    )
+    noise: float = Field(
+        1.0, ge=0, le=5, description="Langevin noise on the pose in units of the step. Paper's code: none."
+    )
+    momentum: float = Field(0.95, ge=0, lt=1, description="Memory of the mean squared gradient, per grasp.")
+
+
+class StyleParameters(Section):
+    """What one style of grasp is."""
+
+    finger_sets: list[list[Finger]] = Field(
+        min_length=1,
+        description="Contact sets, chains shared evenly. Paper: any combination of thumb, index, middle; ring + palm.",
+    )
+    contacts: dict[str, int] = Field(description="Number of contacts per finger set, keyed thumb+index and so on.")
+    chains: int = Field(256, ge=1, le=100000, description="Independent chains (candidates).")
+    iterations: int = Field(1500, ge=1, le=100000, description="Length of each chain. Paper: 6000.")
+    table_clearance: float = Field(
+        0.0, ge=0, le=0.1, description="Height of the hand over the support plane, m. Paper's code: ground_offset."
+    )
+    mount_clearance: float | None = Field(
+        None, description="Height of flange and mount over the support plane, m; null leaves them out. Paper: left out."
+    )
+    distance_from_palm: tuple[float, float] = Field(
+        (0.05, 0.25), description="First distance palm to object, m. Paper's code: 0.05-0.25."
+    )
+    full_yaw: bool = Field(
+        False, description="Draw first headings over the full circle. Paper's code: about +-59 degrees."
+    )
+
+
+class SynthesizeParameters(Section):
+    """All of the synthesis."""
+
+    energy: EnergyParameters
+    optimizer: OptimizerParameters
+    pinch: StyleParameters
+    side: StyleParameters

@@ -1,0 +1,37 @@
+"""`validate`: which candidates survive six gravities and a table."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from pipeline.records.parameters.section import Section
+
+Direction = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+
+
+class ValidateParameters(Section):
+    """Tests of a single grasp with a floating hand; also used for two objects by `merge`."""
+
+    gravity_directions: list[Direction] = Field(
+        ["-z", "+z", "+x", "-x", "+y", "-y"], min_length=1, description="Object frame, tried in this order."
+    )
+    gravity_seconds: float = Field(2.5, gt=0, le=20, description="Paper: 2.5.")
+    squeeze_advance: float = Field(
+        0.01, ge=0, le=0.05, description="Contact advance along the inward normal, m. Paper's code: 0.03."
+    )
+    contact_impulse: float = Field(0.01, gt=0, description="N s per step that count as contact. Paper's code: 0.01.")
+    drift_limit: float = Field(0.02, gt=0, description="Largest motion of the object in the hand, m. Paper: no limit.")
+    rotation_limit: float = Field(
+        0.6, gt=0, description="Largest rotation of the object in the hand, rad. Paper: no limit."
+    )
+    early_rejection: bool = Field(True, description="Stop a grasp at the first failed check.")
+    table_test: bool = Field(True, description="Also pick the object off a support that is then taken away.")
+    pinch_opening: float = Field(
+        0.015, gt=0, le=0.1, description="Opening of the pinching fingers for the approach, m."
+    )
+    side_opening: float = Field(0.03, gt=0, le=0.1, description="Opening of the ring finger for the approach, m.")
+    most_candidates: int = Field(
+        10000, ge=1, description="Candidates tested per object and style, in order of grasp_id."
+    )

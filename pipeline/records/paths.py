@@ -1,0 +1,41 @@
+"""Where every file of the pipeline lies, relative to the repository root (the working folder of a stage)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+PARAMETERS_FILE = Path("params.yaml")
+RAW_FOLDER = Path("data/raw")
+MERGE_FOLDER = Path("data/merge")
+REPORT_PAGE = Path("reports/index.html")
+FIGURES_FOLDER = Path("reports/figures")
+SUMMARY_FILE = Path("reports/summary.json")
+TRACKING_FILE = Path("reports/tracking.json")
+DURATIONS_FILE = Path("reports/durations.json")
+TRACKING_DATABASE = Path("mlflow.db")
+TRACKING_ARTIFACTS = Path("mlartifacts")
+
+
+def prepared_folder(object_name: str) -> Path:
+    """Folder of one prepared object."""
+    return Path("data/prepare") / object_name
+
+
+def candidates_file(style: str, object_name: str) -> Path:
+    """Table of synthesized grasp candidates of one object in one style."""
+    return Path("data/synthesize") / style / f"{object_name}.parquet"
+
+
+def validated_file(style: str, object_name: str) -> Path:
+    """Table of the same candidates with the verdicts of physics."""
+    return Path("data/validate") / style / f"{object_name}.parquet"
+
+
+def merged_file(first: str, second: str) -> Path:
+    """Table of two-object grasps of one pair: ``first`` is pinched, ``second`` is held by ring and palm."""
+    return MERGE_FOLDER / f"{first}--{second}.parquet"
+
+
+def trials_file(source: str, first: str) -> Path:
+    """Table of robot trials of all pairs that begin with ``first``; ``source`` is where the grasps came from."""
+    return Path("data/evaluate") / source / f"{first}.parquet"

@@ -1,0 +1,153 @@
+"""Parquet tables: their columns, units and meaning, and how they are read and written.
+
+Every table keeps rejected rows too; ``rejected_by`` names the first check that a row failed and is empty for a row
+that passed. Lengths are metres, angles radians, quaternions wxyz, ``position_a_b`` and ``quaternion_a_b`` together
+are ``T_a_b`` (maps coordinates in b to a). ``q`` is always in the order ``joint_0.0`` ... ``joint_15.0``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from pipeline.records.errors import UserError
+from pipeline.records.writing import whole_file
+
+
+def _vector(length: int) -> pa.DataType:
+    return pa.list_(pa.float64(), length)
+
+
+_VECTORS = pa.list_(_vector(3))
+
+# One row per Markov chain of the synthesis: its best state, re-scored against the exact mesh.
+CANDIDATES = pa.schema(
+    [
+        ("grasp_id", pa.int32()),
+        ("object", pa.string()),
+        ("style", pa.string()),  # pinch | side
+        ("fingers", pa.string()),  # who touches, such as thumb+index, thumb+index+middle, ring+palm
+        ("position_object_hand", _vector(3)),
+        ("quaternion_object_hand", _vector(4)),
+        ("q", _vector(16)),
+        ("contact_candidates", pa.list_(pa.int32())),  # indices into Hand.contact_points
+        ("contact_points", _VECTORS),  # object frame, on the hand's surface
+        ("contact_normals", _VECTORS),  # object frame, outward normal of the object's surface at the closest point
+        ("energy", pa.float64()),
+        ("energy_force_closure", pa.float64()),  # dimensionless, torque already scaled by object size
+        ("energy_distance", pa.float64()),  # m, sum over contacts
+        ("energy_penetration", pa.float64()),  # m, sum over object surface points, deepest hand part
+        ("energy_table", pa.float64()),  # m, sum over hand (and flange) surface points
+        ("energy_self_penetration", pa.float64()),  # m
+        ("energy_joints", pa.float64()),  # rad beyond limits
+        ("rejected_by", pa.string()),
+    ]
+)
+
+# The same rows after physics. Columns are null where a check was not reached.
+VALIDATED = pa.schema(
+    [
+        *CANDIDATES,
+        ("squeeze_q", _vector(16)),  # joint targets that press the contacts together
+        ("open_q", _vector(16)),  # joint positions for the approach
+        ("approach_direction", _vector(3)),  # object frame, unit, from the grasp towards where the hand comes from
+        ("gravity_drift", pa.list_(pa.float64())),  # m, per gravity direction tested, in the order of the parameter
+        ("gravity_rotation", pa.list_(pa.float64())),  # rad
+        ("gravity_in_contact", pa.list_(pa.bool_())),  # an assigned link presses at the end
+        ("contact_only_pass", pa.bool_()),  # the paper's rule: some link presses in all six directions
+        ("table_approach_push", pa.float64()),  # m, how far the object moved before the fingers closed
+        ("table_drift", pa.float64()),  # m, motion in the hand from the end of the squeeze to the end of the hold
+    ]
+)
+
+# One row per tried combination of a pinch grasp (object 0) and a side grasp (object 1).
+MERGED = pa.schema(
+    [
+        ("merged_id", pa.int32()),
+        ("object0", pa.string()),
+        ("object1", pa.string()),
+        ("grasp0_id", pa.int32()),
+        ("grasp1_id", pa.int32()),
+        ("fingers0", pa.string()),
+        ("fingers1", pa.string()),
+        ("q", _vector(16)),
+        ("position_hand_object0", _vector(3)),
+        ("quaternion_hand_object0", _vector(4)),
+        ("position_hand_object1", _vector(3)),
+        ("quaternion_hand_object1", _vector(4)),
+        ("squeeze_q", _vector(16)),
+        ("open_q0", _vector(16)),  # for the approach to object 0: pinching fingers open, ring out of the way
+        ("open_q1", _vector(16)),  # for the approach to object 1: pinching fingers squeeze, ring open
+        ("approach_direction0", _vector(3)),  # object 0 frame
+        ("approach_direction1", _vector(3)),  # object 1 frame
+        ("approach_length1", pa.float64()),  # m, length of the swept straight line
+        ("object_clearance", pa.float64()),  # m, smallest distance object 0 - object 1
+        ("hand_clearance", pa.float64()),  # m, smallest distance of an object to fingers that do not hold it
+        ("mount_clearance", pa.float64()),  # m, height of flange and mount over object 1's support plane
+        ("sweep_penetrations", pa.int32()),  # surface points that touch something during the second approach
+        ("gravity_drift", pa.list_(pa.float64())),  # m, worse object, per gravity direction
+        ("rejected_by", pa.string()),
+    ]
+)
+
+# One row per robot trial.
+TRIALS = pa.schema(
+    [
+        ("trial", pa.int32()),
+        ("source", pa.string()),
+        ("object0", pa.string()),
+        ("object1", pa.string()),
+        ("merged_id", pa.int32()),
+        ("seed", pa.int64()),
+        ("offset0", _vector(3)),  # perturbation of the placement: x, y (m), yaw (rad)
+        ("offset1", _vector(3)),
+        ("phase", pa.string()),  # last phase reached
+        ("success", pa.bool_()),  # both >= 20 cm above rest for 2 s
+        ("success_10cm", pa.bool_()),  # the released code's rule: both > 10 cm at the end of the lift
+        ("reason", pa.string()),  # empty on success
+        ("height0", pa.float64()),  # m above rest, smallest during the hold (or when the trial ended)
+        ("height1", pa.float64()),
+        ("push1", pa.float64()),  # m, how far object 1 moved before the ring closed
+        ("planning_attempts", pa.int32()),
+        ("steps", pa.int32()),  # physics steps
+        ("snapshot_phases", pa.list_(pa.string())),
+        ("snapshot_robot_q", pa.list_(_vector(23))),  # 7 arm joints, then the hand's 16
+        ("snapshot_pose0", pa.list_(_vector(7))),  # position, quaternion of object 0 in the world
+        ("snapshot_pose1", pa.list_(_vector(7))),
+    ]
+)
+
+
+def write_table(target: Path, rows: pd.DataFrame, schema: pa.Schema) -> None:
+    """Write ``rows`` with exactly the columns and types of ``schema``; the same rows give the same bytes."""
+    missing = set(schema.names) - set(rows.columns)
+    if missing:
+        raise ValueError(f"rows for {target} lack the columns {sorted(missing)}")
+    arrays = [pa.array(rows[name].tolist(), type=schema.field(name).type, from_pandas=True) for name in schema.names]
+    table = pa.Table.from_arrays(arrays, schema=schema)
+    with whole_file(target) as temporary:
+        pq.write_table(table, temporary, compression="zstd")
+
+
+def read_table(source: Path, schema: pa.Schema, made_by: str) -> pd.DataFrame:
+    """Read a table and check its columns.
+
+    Args:
+        made_by: the DVC stage that writes the file, named in errors.
+
+    Raises:
+        UserError: the file is missing, damaged, or has other columns.
+    """
+    mend = f"run `dvc repro {made_by}` to make it again"
+    if not source.exists():
+        raise UserError(f"{source} is missing; {mend}.")
+    try:
+        table = pq.read_table(source)
+    except (pa.ArrowInvalid, OSError) as error:
+        raise UserError(f"{source} is damaged or not a parquet file; delete it and {mend}.") from error
+    if not table.schema.equals(schema):
+        raise UserError(f"{source} has other columns than this version expects; delete it and {mend}.")
+    return table.to_pandas()

@@ -1,0 +1,1 @@
+"""Stage report: one offline page and the summary of headline figures."""

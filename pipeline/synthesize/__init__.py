@@ -1,0 +1,1 @@
+"""Stage synthesize: grasp candidates of one object in one style."""

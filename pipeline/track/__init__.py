@@ -1,0 +1,1 @@
+"""Stage track: record the result in MLflow."""

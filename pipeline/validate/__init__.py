@@ -1,0 +1,1 @@
+"""Stage validate: which candidates survive physics."""
