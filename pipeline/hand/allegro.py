@@ -134,17 +134,22 @@ def load_hand() -> Hand:
     for name in names:
         element = joint_of_child.get(name)
         if element is None:
-            parent.append(-1), joint.append(-1), origin.append(np.eye(4)), axis.append(np.zeros(3))
+            parent.append(-1)
+            joint.append(-1)
+            origin.append(np.eye(4))
+            axis.append(np.zeros(3))
             continue
         parent.append(names.index(element.find("parent").get("link")))  # type: ignore[union-attr, arg-type]
         origin.append(origin_matrix(element.find("origin")))
         if element.get("type") == "fixed":
-            joint.append(-1), axis.append(np.zeros(3))
+            joint.append(-1)
+            axis.append(np.zeros(3))
             continue
         index = JOINT_NAMES.index(element.get("name", ""))
         limit = element.find("limit")
         lower[index], upper[index] = float(limit.get("lower")), float(limit.get("upper"))  # type: ignore[union-attr, arg-type]
-        joint.append(index), axis.append(_vector(element.find("axis").get("xyz")))  # type: ignore[union-attr]
+        joint.append(index)
+        axis.append(_vector(element.find("axis").get("xyz")))  # type: ignore[union-attr]
     boxes: list[tuple[int, NDArray[np.float64], NDArray[np.float64]]] = []
     spheres: list[int] = []
     for index, name in enumerate(names):

@@ -36,14 +36,24 @@ def _without_visuals(root: ElementTree.Element) -> None:
 def _mount() -> list[ElementTree.Element]:
     text = f"""<r>
       <link name="{MOUNT_LINK}">
-        <inertial><mass value="0.05"/><inertia ixx="2e-5" ixy="0" ixz="0" iyy="2e-5" iyz="0" izz="2e-5"/></inertial>
-        <collision><origin xyz="0 0 0.017" rpy="-1.5707963267948966 0 0"/><geometry><box size="0.05 0.034 0.065"/></geometry></collision>
+        <inertial>
+          <mass value="0.05"/>
+          <inertia ixx="2e-5" ixy="0" ixz="0" iyy="2e-5" iyz="0" izz="2e-5"/>
+        </inertial>
+        <collision>
+          <origin xyz="0 0 0.017" rpy="-1.5707963267948966 0 0"/>
+          <geometry><box size="0.05 0.034 0.065"/></geometry>
+        </collision>
       </link>
       <joint name="mount_joint" type="fixed">
-        <origin xyz="0 -0.02 0.107" rpy="0 0 3.141592653589793"/><parent link="panda_link7"/><child link="{MOUNT_LINK}"/>
+        <origin xyz="0 -0.02 0.107" rpy="0 0 3.141592653589793"/>
+        <parent link="panda_link7"/>
+        <child link="{MOUNT_LINK}"/>
       </joint>
       <joint name="hand_joint" type="fixed">
-        <origin xyz="0 0.12 0.025" rpy="0 -1.5707963267948966 -1.5707963267948966"/><parent link="{MOUNT_LINK}"/><child link="base_link"/>
+        <origin xyz="0 0.12 0.025" rpy="0 -1.5707963267948966 -1.5707963267948966"/>
+        <parent link="{MOUNT_LINK}"/>
+        <child link="base_link"/>
       </joint></r>"""
     return list(ElementTree.fromstring(text))
 
@@ -65,7 +75,12 @@ def compose_robot(arm: bool, visuals: bool) -> str:
     if not visuals:
         _without_visuals(panda)
     for element in panda:
-        if element.tag == "link" and element.get("name") in ARM_LINKS or element.tag == "joint" and element.get("name") in ARM_JOINT_NAMES:
+        if (
+            element.tag == "link"
+            and element.get("name") in ARM_LINKS
+            or element.tag == "joint"
+            and element.get("name") in ARM_JOINT_NAMES
+        ):
             robot.append(element)
     robot.extend(_mount())
     robot.extend(element for element in hand if element.tag in ("link", "joint"))

@@ -94,7 +94,7 @@ def mount_surface(count: int = 200) -> NDArray[np.float64]:
     assert collision is not None
     mesh = collision.find("geometry/mesh")
     assert mesh is not None
-    flange = trimesh.load(panda_description().parent / mesh.get("filename", ""), force="mesh")
+    flange = trimesh.load_mesh(panda_description().parent / mesh.get("filename", ""))
     flange = flange.convex_hull.apply_transform(origin_matrix(collision.find("origin")))
     corners = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), -1).reshape(-1, 3) * MOUNT_BOX_HALF
     box_pose = mount_box_pose()

@@ -68,8 +68,8 @@ def read_prepared_object(folder: Path) -> PreparedObject:
     mend = f"delete the folder and run `dvc repro prepare@{name}`"
     try:
         facts = json.loads((folder / "object.json").read_text())
-        mesh = trimesh.load(folder / "mesh.ply", process=False)
-        parts = [trimesh.load(path, process=False) for path in sorted((folder / "parts").glob("*.ply"))]
+        mesh = trimesh.load_mesh(folder / "mesh.ply", process=False)
+        parts = [trimesh.load_mesh(path, process=False) for path in sorted((folder / "parts").glob("*.ply"))]
         surface = np.load(folder / "surface.npy", allow_pickle=False).astype(np.float64)
         distance = np.load(folder / "distance.npy", allow_pickle=False)
         if len(parts) != facts["part_count"]:

@@ -41,7 +41,8 @@ def run_stage(item: str, work: Callable[[], None]) -> int:
         item: the DVC name of the stage, such as ``synthesize-pinch@cube``.
         work: everything the stage does.
 
-    A :class:`UserError` ends in one line on stderr and exit code 2; anything else is a defect of ours and keeps its traceback.
+    A :class:`UserError` ends in one line on stderr and exit code 2; anything else is a defect of ours and keeps its
+    traceback.
     """
     begin = time.perf_counter()
     try:

@@ -12,7 +12,7 @@ Finger = Literal["thumb", "index", "middle", "ring", "palm"]
 
 
 class EnergyParameters(Section):
-    """Weights and filter of E = w_fc E_fc + w_dis E_dis + w_pen (E_pen + E_table) + w_spen E_spen + w_joints E_joints."""
+    """Weights of the terms E_fc, E_dis, E_pen + E_table, E_spen, E_joints, and the filter on them."""
 
     weight_force_closure: float = Field(1.0, ge=0, description="Paper: 1.")
     weight_distance: float = Field(100.0, ge=0, description="Per metre. Paper: 100.")
