@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from tests.physics.shapes import prepared_box
 
 from pipeline.records.objects import PreparedObject
+from tests.physics.shapes import prepared_box
 
 
 @pytest.fixture(scope="session")

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
-from tests.physics.shapes import prepared_box
 
 from pipeline.physics.bodies import add_object, add_support
 from pipeline.physics.contacts import body_impulse
 from pipeline.physics.world import GRAVITY, make_world
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
+from tests.physics.shapes import prepared_box
 
 SETTINGS = PhysicsParameters()
 
