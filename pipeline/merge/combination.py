@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from pipeline.merge.approach import first_opening, second_approach
+from pipeline.hand.allegro import FINGER_LINKS
+from pipeline.merge.approach import first_opening, ring_motion_clearance, second_approach
 from pipeline.merge.clearance import (
     hand_clearance,
     held_object_height,
@@ -31,7 +32,7 @@ class Pair:
     object1: PreparedObject
     merge: MergeParameters
     physics: PhysicsParameters
-    holding: ValidateParameters
+    validate: ValidateParameters  # directions, limits and opening of the single grasps' tests
 
 
 def try_combination(pair: Pair, grasps: tuple[SingleGrasp, SingleGrasp]) -> dict[str, Any]:
@@ -39,7 +40,7 @@ def try_combination(pair: Pair, grasps: tuple[SingleGrasp, SingleGrasp]) -> dict
 
     ``rejected_by`` is the first failed check, in this order: ``fingers``, ``object_clearance``, ``hand_clearance``,
     ``self_clearance``, ``mount_clearance``, ``support_clearance``, ``first_approach``, ``second_approach``,
-    ``gravity``; empty when all passed. Columns of checks that were not reached are None.
+    ``ring_motion``, ``gravity``; empty when all passed. Columns of checks that were not reached are None.
     """
     first, second = grasps
     grasp = join(first, second)
@@ -96,16 +97,34 @@ def _static_checks(pair: Pair, grasp: MergedGrasp, row: dict[str, Any]) -> str:
 
 def _approach_checks(pair: Pair, grasp: MergedGrasp, row: dict[str, Any]) -> str:
     tolerance = pair.merge.penetration_tolerance
-    row["open_q0"], free = first_opening(grasp, pair.object0, tolerance)
-    if not free:
+    row["open_q0"], clearance = first_opening(grasp, pair.object0)
+    if clearance < -tolerance:
         return "first_approach"
-    approach = second_approach(grasp, pair.object0, pair.object1, pair.merge.approach_lengths, tolerance)
+    approach = second_approach(
+        grasp, pair.object0, pair.object1, pair.validate.side_opening, pair.merge.approach_lengths, tolerance
+    )
     row["open_q1"] = approach.open_q
     row["approach_direction1"] = approach.direction
     row["approach_length1"] = approach.length
     row["sweep_penetrations"] = approach.penetrations
-    return "second_approach" if approach.penetrations else ""
+    if approach.penetrations:
+        return "second_approach"
+    return "ring_motion" if ring_motion_clearance(grasp, approach.open_q, pair.object0, pair.object1) < -tolerance else ""
 
 
 def _gravity_check(pair: Pair, grasp: MergedGrasp, row: dict[str, Any]) -> str:
-    return ""
+    """Hold both objects in every gravity direction of ``validate``, which are directions of object 0's frame."""
+    if not pair.merge.physics_test:
+        return ""
+    from pipeline.physics.holding import HeldObject, hold_in_gravities
+
+    held = [
+        HeldObject(item, T_hand_object, tuple(link for finger in single.fingers for link in FINGER_LINKS[finger]))
+        for item, T_hand_object, single in (
+            (pair.object0, grasp.T_hand_object0, grasp.first),
+            (pair.object1, grasp.T_hand_object1, grasp.second),
+        )
+    ]
+    holding = hold_in_gravities(pair.physics, pair.validate, held, grasp.q, grasp.squeeze_q)
+    row["gravity_drift"] = holding.drift.max(1)
+    return "gravity" if holding.failed_direction else ""

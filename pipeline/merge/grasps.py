@@ -26,6 +26,7 @@ class SingleGrasp:
     grasp_id: int
     fingers: tuple[str, ...]
     T_object_hand: NDArray[np.float64]  # (4, 4)
+    contact_candidates: NDArray[np.int64]  # (n,) indices into Hand.contact_points
     q: NDArray[np.float64]  # (16,)
     squeeze_q: NDArray[np.float64]  # (16,)
     open_q: NDArray[np.float64]  # (16,)
@@ -52,6 +53,7 @@ def validated_grasps(table: pd.DataFrame) -> list[SingleGrasp]:
             grasp_id=int(row.grasp_id),
             fingers=tuple(row.fingers.split("+")),
             T_object_hand=pose_matrix(row.position_object_hand, row.quaternion_object_hand),
+            contact_candidates=np.array(row.contact_candidates, np.int64),
             q=np.array(row.q, np.float64),
             squeeze_q=np.array(row.squeeze_q, np.float64),
             open_q=np.array(row.open_q, np.float64),

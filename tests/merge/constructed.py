@@ -68,6 +68,13 @@ def _pressed(q, joint_changes):
     return result
 
 
+def _candidates(links):
+    """One contact candidate of each link, in the middle of its list."""
+    hand = load_hand()
+    of_link = [np.flatnonzero(hand.contact_link == hand.link(name)) for name in sorted(links)]
+    return np.array([own[len(own) // 2] for own in of_link])
+
+
 @lru_cache
 def pinch(side: float = 0.042) -> SingleGrasp:
     """Thumb and index fingertip on opposite faces of a box; the palm looks down."""
@@ -107,6 +114,7 @@ def pinch(side: float = 0.042) -> SingleGrasp:
         grasp_id=0,
         fingers=("thumb", "index"),
         T_object_hand=T_object_hand,
+        contact_candidates=_candidates({"link_3.0_tip", "link_15.0_tip"}),
         q=q,
         squeeze_q=_pressed(q, {1: 0.15, 14: 0.15}),
         open_q=_pressed(q, {1: -0.3, 14: -0.3}),
@@ -122,7 +130,7 @@ def side(radius: float = 0.0285, height: float = 0.105) -> SingleGrasp:
     # Object axes in the hand frame: z up = hand y; x = fingers; the cylinder stands in front of the palm.
     T_hand_object = np.eye(4)
     T_hand_object[:3, :3] = np.array([[0, -1, 0], [0, 0, 1], [-1, 0, 0]], float)
-    T_hand_object[:3, 3] = [PALM_FACE + radius, height / 2 - 0.065, -0.02]
+    T_hand_object[:3, 3] = [PALM_FACE + radius, height / 2 - 0.09, -0.02]
     centre = T_hand_object[:3, 3]
 
     def gap(curl):
@@ -143,6 +151,7 @@ def side(radius: float = 0.0285, height: float = 0.105) -> SingleGrasp:
         grasp_id=0,
         fingers=("ring", "palm"),
         T_object_hand=T_object_hand,
+        contact_candidates=_candidates({"base_link", "link_11.0_tip"}),
         q=q,
         squeeze_q=squeeze,
         open_q=opened,
