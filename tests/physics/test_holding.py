@@ -27,15 +27,16 @@ def test_rotation_angle() -> None:
 
 def clamped_block() -> tuple[np.ndarray, np.ndarray, HeldObject]:
     """Index and thumb tips on opposite faces of a thin block, found from their forward kinematics."""
-    q = np.clip(np.array([0, 1.0, 0.75, 0.6] + [0, 0, 0, 0] * 2 + [1.396, 0.3, 0.3, 0.7]), HAND.lower, HAND.upper)
+    q = np.clip(np.array([0, 1.0, 0.75, 0.6] + [0, 1.5, 1.2, 1.0] * 2 + [1.396, 0.3, 0.3, 0.7]), HAND.lower, HAND.upper)
     poses = link_poses(HAND, q[None])[0]
     index, thumb = (poses[HAND.link(name)][:3, 3] for name in ("link_3.0_tip", "link_15.0_tip"))
     gap = np.linalg.norm(thumb - index)
     x = (thumb - index) / gap
-    y = np.cross([0, 0, 1.0], x)
-    y /= np.linalg.norm(y)
+    towards_palm = -(index + thumb) / 2
+    z = towards_palm - (towards_palm @ x) * x  # object up
+    z /= np.linalg.norm(z)
     T = np.eye(4)
-    T[:3, :3] = np.stack([x, y, np.cross(x, y)], 1)
+    T[:3, :3] = np.stack([x, np.cross(z, x), z], 1)
     T[:3, 3] = (index + thumb) / 2
     width = float(gap - 2 * 0.012)
     assert width > 0.01
