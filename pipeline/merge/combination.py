@@ -109,7 +109,8 @@ def _approach_checks(pair: Pair, grasp: MergedGrasp, row: dict[str, Any]) -> str
     row["sweep_penetrations"] = approach.penetrations
     if approach.penetrations:
         return "second_approach"
-    return "ring_motion" if ring_motion_clearance(grasp, approach.open_q, pair.object0, pair.object1) < -tolerance else ""
+    clearance = ring_motion_clearance(grasp, approach.open_q, pair.object0, pair.object1)
+    return "ring_motion" if clearance < -tolerance else ""
 
 
 def _gravity_check(pair: Pair, grasp: MergedGrasp, row: dict[str, Any]) -> str:

@@ -14,7 +14,8 @@ from pipeline.merge.draws import Combination, next_combinations, random_order
 from pipeline.merge.grasps import SingleGrasp, distinct_grasps
 from pipeline.records.tables import MERGED
 
-CHUNK = 24  # combinations tried at once; not the number of workers, on which results must not depend
+CHUNK = 24  # most combinations tried at once; not the number of workers, on which results must not depend
+SPARE = 4  # combinations tried at once beyond those still wanted: some will be rejected
 
 
 def merge_pair(
@@ -36,7 +37,8 @@ def merge_pair(
     rows: list[dict[str, Any]] = []
     accepted: list[Combination] = []
     while len(accepted) < settings.grasps_per_pair and len(rows) < settings.most_combinations:
-        count = min(CHUNK, settings.most_combinations - len(rows))
+        wanted = settings.grasps_per_pair - len(accepted)
+        count = min(CHUNK, wanted + SPARE, settings.most_combinations - len(rows))
         chunk, pending = next_combinations(pending, accepted, settings.most_per_grasp, count)
         if not chunk:
             break

@@ -13,7 +13,7 @@ from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.records.poses import pose_matrix
-from pipeline.records.tables import VALIDATED
+from pipeline.records.tables import CANDIDATES, VALIDATED
 from pipeline.validate.grasp_test import Candidate, check_candidate
 
 NOT_TESTED = "not_tested"
@@ -45,17 +45,19 @@ def validate_table(
     and the rest are marked ``not_tested``.
     """
     rows = candidates.sort_values("grasp_id", kind="stable").reset_index(drop=True)
-    for name in VALIDATED.names:
-        if name not in rows:
-            rows[name] = pd.Series([None] * len(rows), dtype=object)
     passed = [index for index in rows.index if rows.at[index, "rejected_by"] == ""]
     tested, left = passed[: limits.most_candidates], passed[limits.most_candidates :]
     work = partial(_check, prepared=prepared, settings=settings, limits=limits)
     items = [candidate_of(rows.loc[index].to_dict()) for index in tested]
-    for index, columns in zip(tested, fan_out(work, items, workers, label), strict=True):
-        for name, value in columns.items():
-            rows.at[index, name] = value
-    rows.loc[left, "rejected_by"] = NOT_TESTED
+    results = dict(zip(tested, fan_out(work, items, workers, label), strict=True))
+    rejected_by = rows["rejected_by"].tolist()
+    for index in left:
+        rejected_by[index] = NOT_TESTED
+    for index, columns in results.items():
+        rejected_by[index] = columns["rejected_by"]
+    rows["rejected_by"] = rejected_by
+    for name in VALIDATED.names[len(CANDIDATES.names) :]:
+        rows[name] = pd.Series([results[i][name] if i in results else None for i in rows.index], dtype=object)
     return rows
 
 
