@@ -247,6 +247,10 @@ class EnergyScene:
         self.weights.joints = energy.weight_joints
         self.weights.balance_forces = int(energy.balance_forces)
 
+    def compile(self) -> None:
+        """Compile the kernels, or load them from Warp's cache."""
+        self.wp.load_module(self.kernel, device=self.device)
+
     def states(self, grasps: Grasps) -> Any:
         """Return ``energy_kernel.States`` holding a batch; energies and gradients are still zero."""
         wp, count = self.wp, len(grasps)

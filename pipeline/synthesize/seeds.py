@@ -29,8 +29,8 @@ SIDE_ROTATION = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
 # Index, middle, ring, thumb; rad. Released means, but for the fingers that the style does not use.
 PINCH_POSTURE = np.array([0, 0.5, 0, 0, 0, 0.5, 0, 0, 0, -0.1, 0, 0, 1.4, 0, 0, 0])
 # Ring as released; thumb, index and middle as in a pinch of a 4-6 cm object.
-SIDE_POSTURE = np.array([0, 0.75, 0.5, 0.5, 0, 0.75, 0.5, 0.5, 0.021, 1.395, 1.05, 0.797, 1.3, 0.3, 0.3, 0.5])
-HELD_SPREAD = 0.05  # rad, spread of joints that stay where they are drawn
+SIDE_POSTURE = np.array([0, 0.9, 0.45, 0.35, 0.05, 0.75, 0.3, 0.25, 0.02, 0.8, 0.6, 0.6, 1.33, 0.1, 0.42, 0.38])
+HELD_SPREAD = 0.1  # rad, spread of joints that stay where they are drawn
 HELD_FINGERS = {"pinch": ("ring",), "side": ("thumb", "index", "middle")}
 
 

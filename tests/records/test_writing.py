@@ -55,7 +55,12 @@ def test_failed_folder_keeps_the_old_one_and_leaves_nothing(tmp_path):
 @pytest.mark.parametrize("writer", [whole_file, whole_folder])
 @pytest.mark.parametrize(
     ("number", "words"),
-    [(errno.EACCES, "read-only"), (errno.EROFS, "read-only"), (errno.EPERM, "read-only"), (errno.ENOSPC, "disk is full")],
+    [
+        (errno.EACCES, "read-only"),
+        (errno.EROFS, "read-only"),
+        (errno.EPERM, "read-only"),
+        (errno.ENOSPC, "disk is full"),
+    ],
 )
 def test_refusals_of_the_system_become_one_sentence(tmp_path, writer, number, words):
     with pytest.raises(UserError, match=words) as caught, writer(tmp_path / "out"):

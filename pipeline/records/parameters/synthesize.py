@@ -44,10 +44,10 @@ class OptimizerParameters(Section):
         30, ge=1, description="Iterations per decay at 6000 iterations; scaled with length."
     )
     switch_probability: float = Field(
-        0.3, ge=0, le=1, description="Contact re-draw per contact and step. Paper's code: 0.5."
+        0.2, ge=0, le=1, description="Contact re-draw per contact and step. Paper's code: 0.5."
     )
     noise: float = Field(
-        1.0, ge=0, le=5, description="Langevin noise on the pose in units of the step. Paper's code: none."
+        0.7, ge=0, le=5, description="Langevin noise on the pose in units of the step. Paper's code: none."
     )
     momentum: float = Field(0.95, ge=0, lt=1, description="Memory of the mean squared gradient, per grasp.")
     polish_iterations: int = Field(
