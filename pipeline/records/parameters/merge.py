@@ -25,3 +25,6 @@ class MergeParameters(Section):
     most_per_grasp: int = Field(
         4, ge=1, description="Accepted pairs that may share one single grasp (distinct results)."
     )
+    distinct_distance: float = Field(
+        0.003, ge=0, description="Single grasps closer than this, m on average over the hand's surface, count as one."
+    )

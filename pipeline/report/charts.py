@@ -1,0 +1,150 @@
+"""Static figures as HTML and SVG text: they need no script, print as seen, and have the same bytes every time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+
+from pipeline.report.rates import ratio
+
+PASSED_COLOUR = "#1b7f6b"
+# Okabe and Ito's palette (distinct for colour-blind readers), without the green that is close to PASSED_COLOUR.
+CATEGORY_COLOURS = ("#e69f00", "#56b4e9", "#cc79a7", "#d55e00", "#0072b2", "#f0e442", "#8c8c8c", "#5b3a8c", "#a8763e")
+_LOW, _HIGH = (251, 243, 226), (20, 110, 95)
+
+
+def percent(rate: float) -> str:
+    """Return a rate as text with one decimal, such as 82.7 %."""
+    return f"{100 * rate:.1f}\u202f%"
+
+
+def scale_colour(rate: float) -> tuple[int, int, int]:
+    """Return the colour of a rate (0 to 1) on the scale of the heat maps, RGB 0-255."""
+    t = min(max(rate, 0.0), 1.0)
+    r, g, b = (round(low + t * (high - low)) for low, high in zip(_LOW, _HIGH, strict=True))
+    return r, g, b
+
+
+def ink_on(colour: tuple[int, int, int]) -> str:
+    """Return black or white, whichever reads better on ``colour`` (luma of ITU-R BT.601)."""
+    return "#fff" if 0.299 * colour[0] + 0.587 * colour[1] + 0.114 * colour[2] < 140 else "#111"
+
+
+def table(headers: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> str:
+    """Return an HTML table of escaped texts; the first column is a row header, the others are figures."""
+    head = "".join(f'<th scope="col">{escape(text)}</th>' for text in headers)
+    body = "".join(
+        "<tr>"
+        + "".join(
+            f'<th scope="row">{escape(cell)}</th>' if column == 0 else f"<td>{escape(cell)}</td>"
+            for column, cell in enumerate(row)
+        )
+        + "</tr>\n"
+        for row in rows
+    )
+    title = f"<caption>{escape(caption)}</caption>" if caption else ""
+    return f'<div class="wide"><table>{title}<thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>\n'
+
+
+def heat_map(
+    row_names: Sequence[str],
+    column_names: Sequence[str],
+    rates: Mapping[tuple[str, str], float],
+    notes: Mapping[tuple[str, str], str],
+) -> str:
+    """Return a heat map as a table of coloured cells.
+
+    Args:
+        rates: 0 to 1 per (row, column).
+        notes: small text under each rate, such as 24 of 25.
+    """
+    head = "".join(f'<th scope="col">{escape(_spoken(name))}</th>' for name in column_names)
+    body = ""
+    for row in row_names:
+        body += f'<tr><th scope="row">{escape(_spoken(row))}</th>'
+        for column in column_names:
+            colour = scale_colour(rates[row, column])
+            body += (
+                f'<td style="background:rgb{colour};color:{ink_on(colour)}"><b>{percent(rates[row, column])}</b>'
+                f"<small>{escape(notes[row, column])}</small></td>"
+            )
+        body += "</tr>\n"
+    return f'<div class="wide"><table class="heat"><thead><tr><th></th>{head}</tr></thead><tbody>{body}</tbody></table></div>\n'
+
+
+def _spoken(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def stacked_bars(bars: Sequence[tuple[str, Mapping[str, int]]], passed: str, title: str) -> str:
+    """Return horizontal bars of shares as SVG.
+
+    Args:
+        bars: label and counts per category; bars are drawn to the same length.
+        passed: the category drawn first and in its own colour.
+        title: read out by screen readers.
+    """
+    categories = ordered_categories(bars, passed)
+    colours = category_colours(categories, passed)
+    row_height, left, width = 26, 250, 640
+    legend, legend_height = _legend(categories, colours, left + width + 60)
+    height = legend_height + row_height * len(bars) + 4
+    parts = [
+        f'<svg class="bars" viewBox="0 0 {left + width + 60} {height}" role="img" aria-label="{escape(title)}">',
+        legend,
+    ]
+    for index, (label, counts) in enumerate(bars):
+        y, x, total = legend_height + index * row_height, float(left), sum(counts.values())
+        parts.append(f'<text x="{left - 8}" y="{y + 16}" text-anchor="end">{escape(label)}</text>')
+        for category in categories:
+            share = ratio(counts.get(category, 0), total)
+            if share > 0:
+                parts.append(
+                    f'<rect x="{x:.2f}" y="{y + 2}" width="{share * width:.2f}" height="{row_height - 6}" '
+                    f'fill="{colours[category]}"><title>{escape(label)}: {escape(_spoken(category))} '
+                    f"{counts[category]} of {total} ({percent(share)})</title></rect>"
+                )
+            x += share * width
+        parts.append(f'<text x="{left + width + 8}" y="{y + 16}">{total}</text>')
+    return "\n".join([*parts, "</svg>\n"])
+
+
+def _legend(categories: Sequence[str], colours: Mapping[str, str], width: int) -> tuple[str, int]:
+    """Return the legend's SVG and its height; entries wrap at ``width``."""
+    parts, x, y = [], 4, 4
+    for category in categories:
+        text = _spoken(category)
+        length = 24 + 7.2 * len(text) + 16  # an estimate for the page's 13 px letters
+        if x + length > width and x > 4:
+            x, y = 4, y + 20
+        parts.append(
+            f'<rect x="{x:.0f}" y="{y}" width="12" height="12" fill="{colours[category]}"/>'
+            f'<text x="{x + 17:.0f}" y="{y + 11}">{escape(text)}</text>'
+        )
+        x += int(length)
+    return "\n".join(parts), y + 24
+
+
+def ordered_categories(bars: Sequence[tuple[str, Mapping[str, int]]], passed: str) -> list[str]:
+    """Return all categories of the bars: ``passed`` first, the others sorted by name."""
+    others = {category for _, counts in bars for category in counts} - {passed}
+    return [passed, *sorted(others)]
+
+
+def category_colours(categories: Sequence[str], passed: str) -> dict[str, str]:
+    """Give every category a colour; past the palette's end, colours repeat."""
+    others = [category for category in categories if category != passed]
+    colours = {category: CATEGORY_COLOURS[i % len(CATEGORY_COLOURS)] for i, category in enumerate(others)}
+    return {passed: PASSED_COLOUR, **colours}
+
+
+def bars_with_table(bars: Sequence[tuple[str, Mapping[str, int]]], passed: str, title: str, first_column: str) -> str:
+    """Return stacked bars and, under them, the same counts with their shares."""
+    categories = ordered_categories(bars, passed)
+    rows = []
+    for label, counts in bars:
+        total = sum(counts.values())
+        cells = [f"{counts.get(c, 0)} ({percent(ratio(counts.get(c, 0), total))})" for c in categories]
+        rows.append([label, str(total), *cells])
+    headers = [first_column, "all", *(_spoken(category) for category in categories)]
+    return stacked_bars(bars, passed, title) + table(headers, rows)

@@ -1,0 +1,311 @@
+"""The report as one HTML text: everything inside, nothing fetched, the same bytes for the same results."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from pipeline.report import paper
+from pipeline.report.charts import bars_with_table, heat_map, percent, table
+from pipeline.report.rates import Funnel, PairMerge, PairTrials, ratio, wilson_interval
+from pipeline.report.summary import Value
+
+PASSED = "passed"
+SUCCESS = "success"
+SOURCE_TITLES = {"synthesized": "synthesized grasps"}
+
+
+@dataclass(frozen=True)
+class Strip:
+    """Pictures of one trial."""
+
+    title: str
+    captions: list[str]
+    pictures: list[bytes]  # JPEG
+    failed: bool = False
+
+
+@dataclass(frozen=True)
+class PairView:
+    """What is shown of one pair besides numbers."""
+
+    first: str
+    second: str
+    grasps: list[dict[str, Any]]  # see scene.grasp_record
+    poster: bytes | None  # JPEG of the first grasp, shown until (and where not) the interactive view is
+    strips: list[Strip] = field(default_factory=list)
+
+    @property
+    def name(self) -> str:
+        """Key of the pair, as in the summary."""
+        return f"{self.first}--{self.second}"
+
+
+@dataclass(frozen=True)
+class PageContent:
+    """Everything that the page shows."""
+
+    summary: Mapping[str, Value]
+    funnels: Sequence[Funnel]
+    merges: Sequence[PairMerge]
+    trials: Mapping[str, list[PairTrials]]  # per source
+    views: Sequence[PairView]
+    shapes: Mapping[str, dict[str, list[int]]]  # see scene.shape_record
+    shape_unit: float  # m
+    success_height: float  # m
+    hold_seconds: float
+    versions: Mapping[str, str]
+
+
+def data_uri(jpeg: bytes) -> str:
+    """Return a JPEG as a data URI."""
+    return "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()
+
+
+def inert_json(value: Any) -> str:
+    """Return JSON that can stand inside a ``<script>`` element without ending it."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _spoken(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _pair(first: str, second: str) -> str:
+    return f"{_spoken(first)} + {_spoken(second)}"
+
+
+def build_page(content: PageContent, plotly_source: str) -> str:
+    """Return the whole page.
+
+    Args:
+        plotly_source: text of plotly.min.js, embedded once and run only when an interactive view is seen.
+    """
+    here = Path(__file__).parent
+    scenes = {view.name: view.grasps for view in content.views if view.grasps}
+    scene_data = inert_json({"unit": content.shape_unit, "shapes": content.shapes, "pairs": scenes})
+    library = plotly_source.replace("</script", "<\\/script")
+    sections = [
+        ("seen", "What is seen", seen_section(content)),
+        *[
+            (f"success-{source}", f"Success: {SOURCE_TITLES[source]}", success_section(content, source, pairs))
+            for source, pairs in content.trials.items()
+        ],
+        ("pairs", "Every pair: grasps and trials", pairs_section(content.views)),
+        ("single", "Single grasps", single_section(content.funnels)),
+        ("merge", "Merging", merge_section(content.merges)),
+        ("versions", "Versions and durations", versions_section(content.versions)),
+    ]
+    contents = "".join(f'<a href="#{key}">{escape(title)}</a>' for key, title, _ in sections)
+    body = "".join(f'<section id="{key}"><h2>{escape(title)}</h2>\n{html}</section>\n' for key, title, html in sections)
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>Sequential grasping: report</title>\n<style>\n{(here / 'page.css').read_text()}</style></head>\n<body>\n"
+        f"<header><h1>One hand, two objects, one after the other</h1>\n{headline(content)}<nav>{contents}</nav></header>\n"
+        f"<main>\n{body}</main>\n"
+        "<footer><p>Every figure comes from the tables under <code>data/</code>; <code>docs/metrics.md</code> defines "
+        "each key of <code>reports/summary.json</code>.</p></footer>\n"
+        f'<script type="application/json" id="scene-data">{scene_data}</script>\n'
+        f'<script type="text/plain" id="plotly-source">{library}</script>\n'
+        f"<script>\n{(here / 'viewer.js').read_text()}</script>\n</body></html>\n"
+    )
+
+
+def headline(content: PageContent) -> str:
+    """Return the tiles with the headline figures."""
+    summary = content.summary
+    tiles = []
+    for source, pairs in content.trials.items():
+        mean, least = (summary[f"evaluate.{source}.{key}"] for key in ("success_rate_mean", "success_rate_min_pair"))
+        beside = f"paper {percent(paper.MEAN_SUCCESS)} over its {paper.PAIRS} pairs"
+        tiles.append(("main", percent(float(mean)), f"mean success over {len(pairs)} pairs ({beside})"))
+        tiles.append(("main", percent(float(least)), f"success of the worst pair (paper {percent(paper.MINIMUM_SUCCESS)})"))
+        tiles.append(("", str(summary[f"evaluate.{source}.trials"]), "trials with the whole robot"))
+    survival = percent(float(summary["validate.survival_rate_mean"]))
+    tiles += [
+        ("", str(summary["merge.grasps"]), f"two-object grasps, at least {summary['merge.min_per_pair']} per pair"),
+        ("", str(summary["validate.validated"]), f"validated single grasps ({survival} of all chains, mean over objects)"),
+        ("", str(summary["scale"]), "scale of this run"),
+    ]
+    return (
+        '<div class="tiles">'
+        + "".join(
+            f'<div class="tile {kind}"><b>{escape(figure)}</b><span>{escape(text)}</span></div>'
+            for kind, figure, text in tiles
+        )
+        + "</div>\n"
+    )
+
+
+def seen_section(content: PageContent) -> str:
+    """Return the paragraph that says what this page is about and how success is judged."""
+    return (
+        "<p>A simulated Panda arm with an Allegro hand picks up a first object with thumb, index and middle finger, keeps "
+        "it, and picks up a second object with ring finger and palm. Grasps of single objects are synthesized, tested in "
+        "physics, merged into grasps of two objects, tested again, and then carried out on a table with planned motion "
+        "from placements that are off by a few millimetres.</p>\n"
+        f"<p>A trial succeeds when both objects are at least {100 * content.success_height:g} cm above where they "
+        f"rested for {content.hold_seconds:g} s. "
+        "Beside it stands the rule of the paper’s released code: both more than 10 cm up at the end of the lift. "
+        "Rows that failed are kept in all tables with the first check that they failed; rates are counted from those rows."
+        "</p>\n"
+    )
+
+
+def success_section(content: PageContent, source: str, pairs: Sequence[PairTrials]) -> str:
+    """Return heat map, figures per pair, and failure reasons of one source of grasps."""
+    firsts, seconds = list(dict.fromkeys(p.first for p in pairs)), list(dict.fromkeys(p.second for p in pairs))
+    rates = {(p.first, p.second): p.success_rate for p in pairs}
+    notes = {(p.first, p.second): f"{p.successes} of {p.trials}" if p.trials else "no grasp to try" for p in pairs}
+    rows = []
+    for p in pairs:
+        low, high = wilson_interval(p.successes, p.trials)
+        interval = f"{100 * low:.0f}–{100 * high:.0f}\u202f%"
+        rows.append(
+            [_pair(p.first, p.second), str(p.trials), str(p.successes), percent(p.success_rate), interval]
+            + [percent(p.success_rate_10cm), percent(p.planning_failure_rate)]
+        )
+    summary, prefix = content.summary, f"evaluate.{source}"
+    rows.append(
+        ["mean over pairs", str(summary[f"{prefix}.trials"]), str(sum(p.successes for p in pairs))]
+        + [percent(float(summary[f"{prefix}.success_rate_mean"])), ""]
+        + [percent(float(summary[f"{prefix}.success_rate_mean_10cm"]))]
+        + [percent(float(summary[f"{prefix}.planning_failure_rate"]))]
+    )
+    criterion = f"{100 * content.success_height:g} cm, {content.hold_seconds:g} s"
+    headers = ["pair", "trials", "successes", f"success ({criterion})", "95 % interval", "success (10 cm)", "no plan found"]
+    bars = [(_pair(p.first, p.second), {SUCCESS: p.successes, **p.reasons}) for p in pairs]
+    return (
+        "<p>Rows: the object picked up first. Columns: the object picked up second.</p>\n"
+        f'<div class="beside">{heat_map(firsts, seconds, rates, notes)}{_paper_success(summary, prefix, pairs)}</div>\n'
+        f"{table(headers, rows)}"
+        "<h3>Why trials failed</h3>\n" + bars_with_table(bars, SUCCESS, "Outcomes of trials per pair", "pair")
+    )
+
+
+def _paper_success(summary: Mapping[str, Value], prefix: str, pairs: Sequence[PairTrials]) -> str:
+    """Return the known figures of the published heat map beside ours."""
+    mean, least = float(summary[f"{prefix}.success_rate_mean"]), float(summary[f"{prefix}.success_rate_min_pair"])
+    perfect = sum(p.trials > 0 and p.successes == p.trials for p in pairs)
+    rows = [
+        ["mean over pairs", percent(mean), percent(paper.MEAN_SUCCESS)],
+        ["worst pair", percent(least), f"{percent(paper.MINIMUM_SUCCESS)} (with the lemon)"],
+        ["pairs at 100 %", str(perfect), str(paper.PERFECT_CELLS)],
+        ["pairs", str(len(pairs)), str(paper.PAIRS)],
+        ["trials per pair", " / ".join(str(n) for n in sorted({p.trials for p in pairs})), str(paper.TRIALS_PER_PAIR)],
+    ]
+    note = (
+        '<p class="note">Of the published heat map only these figures are known here, not its single cells; its pairs '
+        "are those of all sixteen objects.</p>"
+    )
+    return f"<div>{table(['', 'here', 'paper'], rows)}{note}</div>"
+
+
+def pairs_section(views: Sequence[PairView]) -> str:
+    """Return, for every pair, its grasp in 3D and the strips of its trials."""
+    legend = (
+        "<p>Left: merged grasps in the frame of the hand (first object orange, second blue); drag to turn, scroll to zoom. "
+        "Right: moments of one trial, named by the phase of the sequence.</p>\n"
+    )
+    return legend + "".join(_pair_view(view) for view in views)
+
+
+def _pair_view(view: PairView) -> str:
+    title = f"<h3>{escape(_pair(view.first, view.second))}</h3>"
+    strips = "".join(_strip(strip) for strip in view.strips) or '<p class="note">No trial of this pair has pictures.</p>'
+    if not view.grasps:
+        return f'<div class="pair">{title}<p class="note">No merged grasp was accepted.</p><div>{strips}</div></div>\n'
+    alternative = escape(f"Merged grasp {view.grasps[0]['merged_id']} of {_pair(view.first, view.second)}")
+    image = f'<img src="{data_uri(view.poster)}" alt="{alternative}" loading="lazy">' if view.poster else ""
+    options = "".join(
+        f'<option value="{index}">{grasp["merged_id"]}</option>' for index, grasp in enumerate(view.grasps)
+    )
+    label = f"merged grasp of {escape(_pair(view.first, view.second))}"
+    return (
+        f'<div class="pair">{title}<div><div class="view" data-pair="{escape(view.name)}">{image}</div>'
+        f'<p class="under screen">Merged grasp <select aria-label="{label}">{options}</select></p></div>'
+        f"<div>{strips}</div></div>\n"
+    )
+
+
+def _strip(strip: Strip) -> str:
+    figures = "".join(
+        f'<figure><img src="{data_uri(picture)}" alt="{escape(caption)}" loading="lazy">'
+        f"<figcaption>{escape(caption)}</figcaption></figure>"
+        for caption, picture in zip(strip.captions, strip.pictures, strict=True)
+    )
+    kind = " class=\"failed\"" if strip.failed else ""
+    return f'<div{kind}><p class="strip-title">{escape(strip.title)}</p><div class="strip">{figures}</div></div>\n'
+
+
+def single_section(funnels: Sequence[Funnel]) -> str:
+    """Return rates per object beside Table I of the paper, and what the others were rejected by."""
+    rows = []
+    for f in funnels:
+        published = paper.SINGLE_GRASP_SUCCESS.get(f.style, {}).get(f.object_name)
+        contact_only = ratio(f.contact_only_passed, f.contact_only_tested)
+        rows.append(
+            [f"{_spoken(f.object_name)} ({f.style})", str(f.optimised), str(f.passed), str(f.validated)]
+            + [percent(f.survival_rate), percent(published) if published is not None else "–"]
+            + [percent(f.survival_rate_of_passed)]
+            + [f"{f.contact_only_passed} of {f.contact_only_tested} ({percent(contact_only)})"]
+        )
+    headers = ["object", "chains", "passed the filter", "validated", "validated / chains", "paper: successes / batch"]
+    headers += ["validated / passed", "paper’s contact rule"]
+    names = [(f"{_spoken(f.object_name)} ({f.style})", f) for f in funnels]
+    chains = [(name, {PASSED: f.passed, **f.synthesize_rejected}) for name, f in names]
+    physics = [(name, {PASSED: f.validated, **f.validate_rejected}) for name, f in names]
+    return (
+        "<p>The two columns of rates are not the same measure. Ours: grasps that passed every check of physics "
+        "(contact <em>and</em> drift in six gravity directions, execution from a table) per chain run. Table I of the "
+        "paper: successes per batch under its own schedule, its own table simulation and its rule that some contact "
+        "remains. The last column applies that rule to the grasps here on which it was decided.</p>\n"
+        f"{table(headers, rows)}"
+        "<h3>Synthesis: chains by the first limit of the filter that they exceed</h3>\n"
+        + bars_with_table(chains, PASSED, "Fate of chains per object", "object")
+        + "<h3>Validation: grasps that passed the filter, by the first check of physics that they failed</h3>\n"
+        + bars_with_table(physics, PASSED, "Fate of tested grasps per object", "object")
+    )
+
+
+def merge_section(merges: Sequence[PairMerge]) -> str:
+    """Return the fates of all combinations per pair."""
+    bars = [(_pair(m.first, m.second), {PASSED: m.accepted, **m.rejected}) for m in merges]
+    return (
+        "<p>Combinations of a pinch grasp and a side grasp that were tried for each pair, by the first check that they "
+        "failed. Combinations are tried in random order until enough are accepted, so the counts differ.</p>\n"
+        + bars_with_table(bars, PASSED, "Fate of combinations per pair", "pair")
+    )
+
+
+def versions_section(versions: Mapping[str, str]) -> str:
+    """Return package versions and where the durations are."""
+    return (
+        '<p>How long each stage took on the machine that ran it: <a href="durations.html">durations.html</a>, beside this '
+        "page. It is a page of its own because durations differ from run to run, and this page does not.</p>\n"
+        + table(["package", "version"], [[name, version] for name, version in sorted(versions.items())])
+    )
+
+
+def build_durations_page(durations: Mapping[str, Mapping[str, float]]) -> str:
+    """Return the page of durations, which is no output of the pipeline."""
+    rows = [
+        [stage, f"{cost['wall_seconds']:.1f}", f"{cost['cpu_seconds']:.1f}"]
+        + [f"{cost['peak_megabytes_largest_process']:.0f}"]
+        for stage, cost in sorted(durations.items())
+    ]
+    headers = ["stage", "wall time (s)", "CPU time (s)", "peak memory of the largest process (MB)"]
+    css = (Path(__file__).parent / "page.css").read_text()
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>Sequential grasping: durations</title>\n'
+        f"<style>\n{css}</style></head>\n<body><header><h1>Durations</h1>"
+        '<nav><a href="index.html">Back to the report</a></nav></header>\n<main><section>'
+        "<p>The last time each stage ran here. A stage whose result was reused keeps its older entry.</p>\n"
+        f"{table(headers, rows)}</section></main></body></html>\n"
+    )

@@ -1,0 +1,155 @@
+"""Counts and rates of every stage, taken from the tables' rows and from nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+
+import pandas as pd
+
+PLANNING_FAILURE = "no_plan"  # how reasons of trials begin that ended because no motion was found
+
+
+@dataclass(frozen=True)
+class Funnel:
+    """What became of the chains of one object in one style."""
+
+    style: str
+    object_name: str
+    optimised: int  # chains run
+    passed: int  # chains that passed the filter of the synthesis
+    validated: int  # of those, grasps that passed every check of physics
+    contact_only_tested: int  # grasps on which the paper's rule was decided
+    contact_only_passed: int
+    synthesize_rejected: dict[str, int]  # first failed check -> chains
+    validate_rejected: dict[str, int]  # first failed check -> grasps that had passed the filter
+
+    @property
+    def pass_rate(self) -> float:
+        """Chains that passed the filter / chains."""
+        return ratio(self.passed, self.optimised)
+
+    @property
+    def survival_rate(self) -> float:
+        """Validated grasps / chains."""
+        return ratio(self.validated, self.optimised)
+
+    @property
+    def survival_rate_of_passed(self) -> float:
+        """Validated grasps / chains that passed the filter."""
+        return ratio(self.validated, self.passed)
+
+
+@dataclass(frozen=True)
+class PairMerge:
+    """What became of the combinations tried for one pair."""
+
+    first: str
+    second: str
+    tried: int
+    accepted: int
+    rejected: dict[str, int]
+
+    @property
+    def acceptance_rate(self) -> float:
+        """Accepted / tried."""
+        return ratio(self.accepted, self.tried)
+
+
+@dataclass(frozen=True)
+class PairTrials:
+    """How the robot fared with one pair."""
+
+    first: str
+    second: str
+    trials: int
+    successes: int
+    successes_10cm: int
+    planning_failures: int
+    reasons: dict[str, int]  # of failed trials
+
+    @property
+    def success_rate(self) -> float:
+        """Successes / trials; 0 for a pair without trials, because there was no grasp to try."""
+        return ratio(self.successes, self.trials)
+
+    @property
+    def success_rate_10cm(self) -> float:
+        """The same by the released code's rule."""
+        return ratio(self.successes_10cm, self.trials)
+
+    @property
+    def planning_failure_rate(self) -> float:
+        """Trials that ended because no motion was found / trials."""
+        return ratio(self.planning_failures, self.trials)
+
+
+def ratio(part: int, whole: int) -> float:
+    """Return part / whole, and 0 where there is nothing."""
+    return part / whole if whole else 0.0
+
+
+def mean(values: list[float]) -> float:
+    """Return the arithmetic mean, and 0 of nothing."""
+    return sum(values) / len(values) if values else 0.0
+
+
+def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
+    """Return the 95 % score interval of a proportion (Wilson, 1927); (0, 1) without trials."""
+    if trials == 0:
+        return 0.0, 1.0
+    z = 1.959963984540054
+    p, z2 = successes / trials, z * z
+    centre = (p + z2 / (2 * trials)) / (1 + z2 / trials)
+    half = z / (1 + z2 / trials) * sqrt(p * (1 - p) / trials + z2 / (4 * trials * trials))
+    return max(0.0, centre - half), min(1.0, centre + half)
+
+
+def count_rejections(rejected_by: pd.Series) -> dict[str, int]:
+    """Return how many rows failed first at each check, sorted by name; passed rows ('') are left out."""
+    failed = rejected_by[rejected_by != ""]
+    return {str(check): int(count) for check, count in sorted(failed.value_counts().items())}
+
+
+def single_grasp_funnel(style: str, object_name: str, candidates: pd.DataFrame, validated: pd.DataFrame) -> Funnel:
+    """Follow the chains of one object from the filter of the synthesis to the last check of physics."""
+    passed = set(candidates.loc[candidates["rejected_by"] == "", "grasp_id"])
+    tested = validated[validated["grasp_id"].isin(passed)]
+    decided = tested["contact_only_pass"].dropna()
+    return Funnel(
+        style=style,
+        object_name=object_name,
+        optimised=len(candidates),
+        passed=len(passed),
+        validated=int((tested["rejected_by"] == "").sum()),
+        contact_only_tested=len(decided),
+        contact_only_passed=int(decided.astype(bool).sum()),
+        synthesize_rejected=count_rejections(candidates["rejected_by"]),
+        validate_rejected=count_rejections(tested["rejected_by"]),
+    )
+
+
+def pair_merge(first: str, second: str, merged: pd.DataFrame) -> PairMerge:
+    """Count the fates of one pair's combinations."""
+    return PairMerge(
+        first=first,
+        second=second,
+        tried=len(merged),
+        accepted=int((merged["rejected_by"] == "").sum()),
+        rejected=count_rejections(merged["rejected_by"]),
+    )
+
+
+def pair_trials(first: str, second: str, trials: pd.DataFrame) -> PairTrials:
+    """Count the outcomes of one pair; ``trials`` may hold other pairs too."""
+    own = trials[(trials["object0"] == first) & (trials["object1"] == second)]
+    reasons = count_rejections(own.loc[~own["success"].astype(bool), "reason"])
+    return PairTrials(
+        first=first,
+        second=second,
+        trials=len(own),
+        successes=int(own["success"].sum()),
+        successes_10cm=int(own["success_10cm"].sum()),
+        planning_failures=sum(n for reason, n in reasons.items() if reason.startswith(PLANNING_FAILURE)),
+        reasons=reasons,
+    )

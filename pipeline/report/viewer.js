@@ -1,0 +1,96 @@
+// Interactive grasps. The plotting library lies in the page as inert text and is run when the first view is seen;
+// geometry is stored once, every view places it.
+"use strict";
+(function () {
+  const data = JSON.parse(document.getElementById("scene-data").textContent);
+  const alive = []; // views with a WebGL context, oldest first; browsers allow about sixteen
+  const MOST_ALIVE = 6;
+
+  function webgl() {
+    try {
+      const canvas = document.createElement("canvas");
+      return Boolean(canvas.getContext("webgl2") || canvas.getContext("webgl"));
+    } catch (error) {
+      return false;
+    }
+  }
+
+  function plotly() {
+    if (!window.Plotly) {
+      const script = document.createElement("script");
+      script.textContent = document.getElementById("plotly-source").textContent;
+      document.head.appendChild(script);
+    }
+    return window.Plotly;
+  }
+
+  function mesh(shape, pose, colour, name) {
+    const scale = data.unit, x = [], y = [], z = [];
+    const v = shape.vertices;
+    for (let i = 0; i < v.length; i += 3) {
+      const a = v[i] * scale, b = v[i + 1] * scale, c = v[i + 2] * scale;
+      x.push(pose[0] * a + pose[1] * b + pose[2] * c + pose[3]);
+      y.push(pose[4] * a + pose[5] * b + pose[6] * c + pose[7]);
+      z.push(pose[8] * a + pose[9] * b + pose[10] * c + pose[11]);
+    }
+    const i = [], j = [], k = [], f = shape.faces;
+    for (let n = 0; n < f.length; n += 3) { i.push(f[n]); j.push(f[n + 1]); k.push(f[n + 2]); }
+    return {
+      type: "mesh3d", x, y, z, i, j, k, color: colour, name, hoverinfo: "name", flatshading: true,
+      lighting: { ambient: 0.55, diffuse: 0.75, specular: 0.1, roughness: 0.8 },
+      lightposition: { x: 500, y: -800, z: 1500 },
+    };
+  }
+
+  function traces(grasp) {
+    return grasp.bodies.map((body) => mesh(data.shapes[body.shape], body.pose, body.colour, body.name));
+  }
+
+  const axis = { visible: false, showspikes: false };
+  function layout() {
+    return {
+      margin: { l: 0, r: 0, t: 0, b: 0 }, showlegend: false, paper_bgcolor: "#fafbfb",
+      hoverlabel: { namelength: -1 },
+      scene: {
+        aspectmode: "data", xaxis: axis, yaxis: axis, zaxis: axis, dragmode: "orbit",
+        camera: { eye: { x: 1.35, y: 0.75, z: 0.35 }, up: { x: 0, y: 0, z: 1 } },
+      },
+    };
+  }
+
+  function draw(view) {
+    const grasps = data.pairs[view.dataset.pair];
+    const library = plotly();
+    let scene = view.querySelector(".scene");
+    if (!scene) {
+      scene = document.createElement("div");
+      scene.className = "scene";
+      view.appendChild(scene);
+      alive.push(view);
+      if (alive.length > MOST_ALIVE) remove(alive.shift());
+    }
+    const select = view.parentElement.querySelector("select");
+    const options = { displaylogo: false, responsive: true, modeBarButtonsToRemove: ["toImage"] };
+    library.react(scene, traces(grasps[select ? Number(select.value) : 0]), layout(), options);
+  }
+
+  function remove(view) {
+    const scene = view.querySelector(".scene");
+    if (scene) { window.Plotly.purge(scene); scene.remove(); }
+  }
+
+  const views = Array.from(document.querySelectorAll(".view[data-pair]"));
+  if (!views.length) return;
+  if (!webgl()) {
+    for (const view of views) view.parentElement.querySelector(".under").textContent = "Turning in 3D needs WebGL, which this browser does not offer.";
+    return;
+  }
+  const watcher = new IntersectionObserver((entries) => {
+    for (const entry of entries) if (entry.isIntersecting && !entry.target.querySelector(".scene")) draw(entry.target);
+  }, { threshold: 0.25 });
+  for (const view of views) {
+    watcher.observe(view);
+    const select = view.parentElement.querySelector("select");
+    if (select) select.addEventListener("change", () => draw(view));
+  }
+})();
