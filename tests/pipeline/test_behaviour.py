@@ -324,7 +324,7 @@ def test_a_truncated_table_is_named_by_the_stage_and_mended_by_dvc(finished, wor
 
 def test_a_failing_stage_stops_the_pipeline_with_its_sentence(workspace):
     content = workspace.parameters()
-    content["objects"]["mug"] = {"file": "data/raw/mug.stl"}
+    content["meshes"]["mug"] = {"file": "data/raw/mug.stl"}
     content["styles"]["pinch"].append("mug")
     workspace.write_parameters(content)
     result = workspace.repro(succeed=False)
