@@ -88,6 +88,8 @@ def choose_approach(
                 rank = (penetrations, -round(min(clearance, ENOUGH_CLEARANCE), 4))
                 if best is None or rank < best[0]:
                     best = rank, Approach(open_q, direction, float(length), penetrations, clearance)
+                if rank == (0, -ENOUGH_CLEARANCE):
+                    return best[1]  # nothing later can be better
         if best is not None and best[1].penetrations == 0:
             break
     assert best is not None
