@@ -22,8 +22,8 @@ SPONGE_SIZE = 0.4  # m, square. Paper's code: 0.4.
 SPONGE_X = 0.5  # m in front of the robot's base. Paper's code: 0.5.
 TABLE_SIZE = (2.0, 2.4, 0.1)  # m
 TABLE_X = 0.5  # m
-# Palm down 0.45 m over the table between the objects. Paper's code: the same posture at 0.30 m, where a finger that opens
-# hits an object of 10 cm.
+# Palm down 0.45 m over the table, between the objects. Paper's code: the same at 0.30 m, where a finger that opens hits
+# an object of 10 cm.
 START_ARM = np.array([-0.1477, -0.6262, 0.1268, -2.5457, 0.0791, 1.9223, 1.4988])  # rad
 START_HAND = np.array([0.0, 0.7, 0.0, 0.4] * 3 + [1.0, 0.0, 0.0, 0.0])  # rad. Paper's code.
 

@@ -89,6 +89,12 @@ class _Run:
         for index in range(1, count + 1):
             self.control(self.arm, begin + (target - begin) * (index / count), np.zeros(7))
 
+    def close_hand(self, grasp_q: NDArray[np.float64], squeeze_q: NDArray[np.float64]) -> None:
+        """Bring all fingers to the grasp at the same time, then squeeze, as validation does; (16,) both."""
+        self.move_hand(grasp_q, self.settings.close_seconds / 2)
+        self.move_hand(squeeze_q, self.settings.close_seconds / 2)
+        self.rest_for(self.settings.dwell_seconds)
+
     def pose(self, index: int) -> NDArray[np.float64]:
         """``T_world_object`` (4, 4) of one object now."""
         return self.scene.objects[index].pose
@@ -113,15 +119,20 @@ class _Run:
         self.heights = np.array([self.height(0), self.height(1)])
 
 
+def _with_ring(hand_q: NDArray[np.float64], ring_q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return ``hand_q`` (16,) with the ring finger of ``ring_q`` (16,)."""
+    joined = hand_q.copy()
+    joined[RING] = ring_q[RING]
+    return joined
+
+
 def _first_task(grasp: TwoObjectGrasp, obstacles: tuple[Obstacle, Obstacle], run: _Run) -> PickTask:
     """The pick of object 0 from where everything is now."""
     T = run.pose(0)
-    closed = grasp.q.copy()
-    closed[RING] = grasp.open_q0[RING]
     return PickTask(
         arm_q=run.arm,
         hand_q=grasp.open_q0,
-        closed_q=closed,
+        closed_q=_with_ring(grasp.q, grasp.open_q0),
         target=obstacles[0].at(T),
         T_hand_target=grasp.T_hand_object0,
         held=(),
@@ -142,13 +153,11 @@ def _second_task(
 ) -> PickTask:
     """The pick of object 1 with object 0 in the hand; ``hand_q`` (16,) is where the hand's joints are."""
     T = run.pose(1)
-    opened, closed = hand_q.copy(), hand_q.copy()
-    opened[RING], closed[RING] = grasp.open_q1[RING], grasp.q[RING]
     own = grasp.approach_length1
     return PickTask(
         arm_q=arm_q,
-        hand_q=opened,
-        closed_q=closed,
+        hand_q=_with_ring(hand_q, grasp.open_q1),
+        closed_q=_with_ring(hand_q, grasp.q),
         target=obstacles[1].at(T),
         T_hand_target=grasp.T_hand_object1,
         held=(obstacles[0].at(T_hand_object0),),
@@ -193,10 +202,7 @@ def _pick_first(run: _Run, grasp: TwoObjectGrasp, pick: Pick) -> None:
     run.end_phase("enter first")
     if max(run.push(0), run.push(1)) > settings.push_limit:
         raise _Ended("collision on approach")
-    squeeze = grasp.squeeze_q.copy()
-    squeeze[RING] = grasp.open_q0[RING]
-    run.move_hand(squeeze, settings.close_seconds)
-    run.rest_for(settings.dwell_seconds)
+    run.close_hand(_with_ring(grasp.q, grasp.open_q0), _with_ring(grasp.squeeze_q, grasp.open_q0))
     run.end_phase("close first")
     run.follow(pick.lift)
     run.rest_for(settings.dwell_seconds)
@@ -209,9 +215,7 @@ def _pick_second(
     run: _Run, grasp: TwoObjectGrasp, obstacles: tuple[Obstacle, Obstacle], rng: np.random.Generator
 ) -> None:
     settings = run.settings
-    opened = grasp.squeeze_q.copy()
-    opened[RING] = grasp.open_q1[RING]
-    run.move_hand(opened, settings.open_seconds)
+    run.move_hand(_with_ring(grasp.squeeze_q, grasp.open_q1), settings.open_seconds)
     run.end_phase("open second")
     T_hand_object0 = run.held_pose()
     task = _second_task(grasp, obstacles, run, run.arm, run.scene.robot.q[7:], T_hand_object0)
@@ -228,8 +232,7 @@ def _pick_second(
         raise _Ended("first lost in transit")
     if run.push1 > settings.push_limit:
         raise _Ended("collision on approach")
-    run.move_hand(grasp.squeeze_q, settings.close_seconds)
-    run.rest_for(settings.dwell_seconds)
+    run.close_hand(_with_ring(grasp.squeeze_q, grasp.q), grasp.squeeze_q)
     run.end_phase("close second")
     run.follow(pick.lift)
     run.rest_for(settings.dwell_seconds)

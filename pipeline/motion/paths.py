@@ -24,7 +24,9 @@ LARGEST_JUMP = 0.3  # rad, joint change per such step that would be a change of 
 def line(first: NDArray[np.float64], last: NDArray[np.float64], resolution: float = RESOLUTION) -> NDArray[np.float64]:
     """Return points (n, 7) from ``first`` to ``last``, at most ``resolution`` apart in every joint."""
     count = max(int(np.ceil(np.abs(last - first).max() / resolution)), 1)
-    return first + np.linspace(0.0, 1.0, count + 1)[:, None] * (last - first)
+    points = first + np.linspace(0.0, 1.0, count + 1)[:, None] * (last - first)
+    points[-1] = last  # exactly, whatever the rounding
+    return points
 
 
 def is_line_free(free: Free, first: NDArray[np.float64], last: NDArray[np.float64]) -> bool:
