@@ -322,13 +322,26 @@ def test_a_truncated_table_is_named_by_the_stage_and_mended_by_dvc(finished, wor
     assert workspace.fingerprints() == finished.fingerprints()
 
 
-def test_a_failing_stage_stops_the_pipeline_with_its_sentence(workspace):
+def test_a_missing_mesh_stops_the_pipeline_and_names_the_file(workspace):
     content = workspace.parameters()
     content["meshes"]["mug"] = {"file": "data/raw/mug.stl"}
     content["styles"]["pinch"].append("mug")
     workspace.write_parameters(content)
     result = workspace.repro(succeed=False)
-    assert result.ran == ["prepare@mug"]
+    assert result.ran == []
     assert "data/raw/mug.stl" in result.output
+    assert "Traceback" not in result.output
+    assert not (workspace / "data/prepare/mug").exists()
+
+
+def test_a_stage_that_refuses_stops_the_pipeline_with_its_sentence(workspace):
+    content = workspace.parameters()
+    content["meshes"]["mug"] = {"file": "data/raw/mug.stl"}
+    content["styles"]["pinch"].append("mug")
+    workspace.write_parameters(content)
+    (workspace / "data/raw/mug.stl").write_text("this is no mesh")
+    result = workspace.repro(succeed=False)
+    assert result.ran == ["prepare-mesh@mug"]
+    assert "prepare@mug: data/raw/mug.stl" in result.output
     assert "Traceback" not in result.output
     assert not (workspace / "data/prepare/mug").exists()
