@@ -1,1 +1,1 @@
-"""Stage prepare: from a raw mesh to everything the other stages need of an object."""
+"""From a raw mesh or shape recipe to one solid in one canonical frame, and everything derived from it."""

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
+from pipeline.records.writing import whole_folder, write_json
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,52 @@ class PreparedObject:
     def bottom(self) -> float:
         """Lowest z of the object, m (negative)."""
         return float(self.vertices[:, 2].min())
+
+
+def _write_mesh(target: Path, vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> None:
+    """Write a binary PLY; vertices must already be float32 values, as PLY holds no more."""
+    corners = np.empty(len(faces), dtype=[("count", "u1"), ("index", "<i4", 3)])
+    corners["count"], corners["index"] = 3, faces
+    header = (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\nproperty float x\n"
+        f"property float y\nproperty float z\nelement face {len(faces)}\n"
+        "property list uchar int vertex_indices\nend_header\n"
+    )
+    target.write_bytes(header.encode() + vertices.astype("<f4").tobytes() + corners.tobytes())
+
+
+def write_prepared_object(folder: Path, prepared: PreparedObject, picture: bytes = b"") -> None:
+    """Write one prepared object as a whole folder; the same object gives the same bytes.
+
+    Args:
+        picture: the PNG that shows it.
+
+    Raises:
+        UserError: the folder cannot be written to.
+    """
+    with whole_folder(folder) as temporary:
+        _write_mesh(temporary / "mesh.ply", prepared.vertices, prepared.faces)
+        (temporary / "parts").mkdir()
+        for index, (vertices, faces) in enumerate(prepared.parts):
+            _write_mesh(temporary / "parts" / f"{index:02d}.ply", vertices, faces)
+        np.save(temporary / "distance.npy", prepared.distance.astype(np.float32), allow_pickle=False)
+        surface = np.concatenate([prepared.surface_points, prepared.surface_normals], axis=1)
+        np.save(temporary / "surface.npy", surface.astype(np.float32), allow_pickle=False)
+        write_json(
+            temporary / "object.json",
+            {
+                "part_count": len(prepared.parts),
+                "distance_origin": prepared.distance_origin.tolist(),
+                "distance_spacing": prepared.distance_spacing,
+                "mass": prepared.mass,
+                "inertia": prepared.inertia.tolist(),
+                "volume": prepared.volume,
+                "extents": prepared.extents.tolist(),
+                "provenance": prepared.provenance,
+            },
+        )
+        if picture:
+            (temporary / "picture.png").write_bytes(picture)
 
 
 def load_prepared_object(name: str) -> PreparedObject:

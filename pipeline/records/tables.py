@@ -22,6 +22,8 @@ def _vector(length: int) -> pa.DataType:
 
 
 _VECTORS = pa.list_(_vector(3))
+# Vectors that are null where a check was not reached: parquet cannot read nulls back from lists of fixed length.
+_OPTIONAL_VECTOR = pa.list_(pa.float64())
 
 # One row per Markov chain of the synthesis: its best state, re-scored against the exact mesh.
 CANDIDATES = pa.schema(
@@ -51,9 +53,9 @@ CANDIDATES = pa.schema(
 VALIDATED = pa.schema(
     [
         *CANDIDATES,
-        ("squeeze_q", _vector(16)),  # joint targets that press the contacts together
-        ("open_q", _vector(16)),  # joint positions for the approach
-        ("approach_direction", _vector(3)),  # object frame, unit, from the grasp towards where the hand comes from
+        ("squeeze_q", _OPTIONAL_VECTOR),  # joint targets that press the contacts together
+        ("open_q", _OPTIONAL_VECTOR),  # joint positions for the approach
+        ("approach_direction", _OPTIONAL_VECTOR),  # object frame, unit, from the grasp towards where the hand comes from
         ("gravity_drift", pa.list_(pa.float64())),  # m, per gravity direction tested, in the order of the parameter
         ("gravity_rotation", pa.list_(pa.float64())),  # rad
         ("gravity_in_contact", pa.list_(pa.bool_())),  # an assigned link presses at the end
@@ -79,10 +81,10 @@ MERGED = pa.schema(
         ("position_hand_object1", _vector(3)),
         ("quaternion_hand_object1", _vector(4)),
         ("squeeze_q", _vector(16)),
-        ("open_q0", _vector(16)),  # for the approach to object 0: pinching fingers open, ring out of the way
-        ("open_q1", _vector(16)),  # for the approach to object 1: pinching fingers squeeze, ring open
-        ("approach_direction0", _vector(3)),  # object 0 frame
-        ("approach_direction1", _vector(3)),  # object 1 frame
+        ("open_q0", _OPTIONAL_VECTOR),  # for the approach to object 0: pinching fingers open, ring out of the way
+        ("open_q1", _OPTIONAL_VECTOR),  # for the approach to object 1: pinching fingers squeeze, ring open
+        ("approach_direction0", _OPTIONAL_VECTOR),  # object 0 frame
+        ("approach_direction1", _OPTIONAL_VECTOR),  # object 1 frame
         ("approach_length1", pa.float64()),  # m, length of the swept straight line
         ("object_clearance", pa.float64()),  # m, smallest distance object 0 - object 1
         ("hand_clearance", pa.float64()),  # m, smallest distance of an object to fingers that do not hold it

@@ -27,3 +27,15 @@ class EvaluateParameters(Section):
     close_seconds: float = Field(1.0, gt=0, le=5, description="Closing of fingers. Paper's code: 1.")
     dwell_seconds: float = Field(0.3, ge=0, le=5, description="Rest after closing and before lifting.")
     planning_attempts: int = Field(4, ge=1, le=20, description="Grasps tried when no motion is found. Paper's code: 1.")
+    settle_seconds: float = Field(0.5, ge=0, le=5, description="Rest before anything moves. Paper's code: 1.")
+    open_seconds: float = Field(0.5, gt=0, le=5, description="Opening of fingers. Paper's code: 1.")
+    entry_length: float = Field(0.05, gt=0, le=0.3, description="Straight last approach to object 0, m. Paper: 0.05.")
+    shorter_entries: list[float] = Field(
+        [0.12, 0.07], description="Entry lengths to object 1 tried when the grasp's own is blocked, m."
+    )
+    planning_margin: float = Field(
+        0.003, ge=0, le=0.05, description="Clearance asked of approaches, m; given up when nothing is found."
+    )
+    push_limit: float = Field(
+        0.02, gt=0, le=0.2, description="Motion of an object before its fingers close that ends the trial, m."
+    )

@@ -44,12 +44,16 @@ class OptimizerParameters(Section):
         30, ge=1, description="Iterations per decay at 6000 iterations; scaled with length."
     )
     switch_probability: float = Field(
-        0.3, ge=0, le=1, description="Contact re-draw per contact and step. Paper's code: 0.5."
+        0.2, ge=0, le=1, description="Contact re-draw per contact and step. Paper's code: 0.5."
     )
     noise: float = Field(
-        1.0, ge=0, le=5, description="Langevin noise on the pose in units of the step. Paper's code: none."
+        0.7, ge=0, le=5, description="Langevin noise on the pose in units of the step. Paper's code: none."
     )
     momentum: float = Field(0.95, ge=0, lt=1, description="Memory of the mean squared gradient, per grasp.")
+    polish_iterations: int = Field(
+        200, ge=0, le=10000, description="RMSprop iterations on the best state, contacts fixed. Paper's code: none."
+    )
+    polish_step: float = Field(0.001, gt=0, le=0.1, description="First step of the polish (m, rad).")
 
 
 class StyleParameters(Section):
@@ -60,6 +64,10 @@ class StyleParameters(Section):
         description="Contact sets, chains shared evenly. Paper: any combination of thumb, index, middle; ring + palm.",
     )
     contacts: dict[str, int] = Field(description="Number of contacts per finger set, keyed thumb+index and so on.")
+    distal_links: dict[str, int] = Field(
+        default_factory=dict,
+        description="Links per finger, counted from the tip, that may touch; keyed as contacts, 4 where not named.",
+    )
     chains: int = Field(256, ge=1, le=100000, description="Independent chains (candidates).")
     iterations: int = Field(1500, ge=1, le=100000, description="Length of each chain. Paper: 6000.")
     table_clearance: float = Field(

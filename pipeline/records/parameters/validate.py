@@ -15,7 +15,9 @@ class ValidateParameters(Section):
     """Tests of a single grasp with a floating hand; also used for two objects by `merge`."""
 
     gravity_directions: list[Direction] = Field(
-        ["-z", "+z", "+x", "-x", "+y", "-y"], min_length=1, description="Object frame, tried in this order."
+        ["-x", "-z", "+y", "+x", "+z", "-y"],
+        min_length=1,
+        description="Frame of the (first) object, tried in this order: those that reject most come first.",
     )
     gravity_seconds: float = Field(2.5, gt=0, le=20, description="Paper: 2.5.")
     squeeze_advance: float = Field(
@@ -28,6 +30,10 @@ class ValidateParameters(Section):
     )
     early_rejection: bool = Field(True, description="Stop a grasp at the first failed check.")
     table_test: bool = Field(True, description="Also pick the object off a support that is then taken away.")
+    push_limit: float = Field(
+        0.005, gt=0, description="Largest motion of the object before the fingers close, m. Paper: no limit."
+    )
+    approach_length: float = Field(0.05, gt=0, le=0.3, description="Straight line in, m. Paper's code: 0.05.")
     pinch_opening: float = Field(
         0.015, gt=0, le=0.1, description="Opening of the pinching fingers for the approach, m."
     )

@@ -1,0 +1,72 @@
+"""`python -m pipeline.evaluate --source synthesized --object cube`: robot trials of all pairs that begin with it.
+
+Writes ``data/evaluate/<source>/<object>.parquet``.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from pipeline.records import paths
+from pipeline.records.parameters import load_parameters, read_parameters
+from pipeline.records.running import run_stage
+
+SOURCES = ("synthesized",)
+
+
+def sections(object_name: str) -> list[str]:
+    """Parameter sections that ``evaluate-<source>@<object>`` declares in ``dvc.yaml``."""
+    return ["seed", "styles.side", "physics", "evaluate", f"objects.{object_name}"]
+
+
+def evaluate(source: str, first: str) -> None:
+    """Run all trials of the pairs that begin with ``first`` and write their table."""
+    parameters = load_parameters(sections(first))
+    workers = read_parameters().compute.workers
+
+    import pandas as pd
+
+    from pipeline.compute.fan_out import fan_out
+    from pipeline.evaluate.grasps import accepted_grasps
+    from pipeline.evaluate.scene import without_grid
+    from pipeline.evaluate.trial import run_trial, trial_inputs
+    from pipeline.records.objects import load_prepared_object
+    from pipeline.records.tables import MERGED, TRIALS, read_table, write_table
+
+    seconds = parameters["styles.side"]
+    grasps = {
+        second: accepted_grasps(read_table(paths.merged_file(first, second), MERGED, "merge")) for second in seconds
+    }
+    objects = {name: without_grid(load_prepared_object(name)) for name in dict.fromkeys([first, *seconds])}
+    inputs = [
+        trial
+        for second in seconds
+        for trial in trial_inputs(
+            source,
+            (objects[first], objects[second]),
+            grasps[second],
+            parameters["evaluate"],
+            parameters["physics"],
+            parameters["seed"],
+        )
+    ]
+    rows = pd.DataFrame(fan_out(run_trial, inputs, workers, f"trials of {first}"), columns=TRIALS.names)
+    write_table(paths.trials_file(source, first), rows, TRIALS)
+    for second in seconds:
+        own = rows[rows["object1"] == second]
+        print(f"{first} then {second}: {int(own['success'].sum())} of {len(own)} trials lifted both objects")
+
+
+def main() -> int:
+    """Parse the command line and run the stage."""
+    parser = argparse.ArgumentParser(prog="python -m pipeline.evaluate", description=__doc__)
+    parser.add_argument("--source", required=True, choices=SOURCES, help="where the two-object grasps come from")
+    parser.add_argument("--object", required=True, help="the object that is picked first, a name in params.yaml")
+    arguments = parser.parse_args()
+    return run_stage(
+        f"evaluate-{arguments.source}@{arguments.object}", lambda: evaluate(arguments.source, arguments.object)
+    )
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

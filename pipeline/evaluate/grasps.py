@@ -1,0 +1,69 @@
+"""Which two-object grasps a trial tries, in which order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pipeline.records.poses import pose_matrix
+
+
+@dataclass(frozen=True)
+class TwoObjectGrasp:
+    """One row of a merged table as arrays; hand frame and object frames as in ``records.tables``."""
+
+    merged_id: int
+    q: NDArray[np.float64]  # (16,)
+    squeeze_q: NDArray[np.float64]  # (16,)
+    open_q0: NDArray[np.float64]  # (16,)
+    open_q1: NDArray[np.float64]  # (16,)
+    T_hand_object0: NDArray[np.float64]  # (4, 4)
+    T_hand_object1: NDArray[np.float64]  # (4, 4)
+    approach_direction0: NDArray[np.float64]  # (3,) object 0 frame
+    approach_direction1: NDArray[np.float64]  # (3,) object 1 frame
+    approach_length1: float  # m
+
+
+def grasp_from_row(row: dict[str, Any]) -> TwoObjectGrasp:
+    """Return the grasp in one row of a merged table."""
+
+    def array(name: str) -> NDArray[np.float64]:
+        return np.asarray(row[name], dtype=np.float64)
+
+    return TwoObjectGrasp(
+        merged_id=int(row["merged_id"]),
+        q=array("q"),
+        squeeze_q=array("squeeze_q"),
+        open_q0=array("open_q0"),
+        open_q1=array("open_q1"),
+        T_hand_object0=pose_matrix(row["position_hand_object0"], row["quaternion_hand_object0"]),
+        T_hand_object1=pose_matrix(row["position_hand_object1"], row["quaternion_hand_object1"]),
+        approach_direction0=array("approach_direction0"),
+        approach_direction1=array("approach_direction1"),
+        approach_length1=float(row["approach_length1"]),
+    )
+
+
+def accepted_grasps(table: pd.DataFrame) -> list[TwoObjectGrasp]:
+    """Return the grasps of a merged table that passed every check, in the order of ``merged_id``."""
+    passed = table[table["rejected_by"] == ""].sort_values("merged_id", kind="stable")
+    return [grasp_from_row({str(name): value for name, value in row.items()}) for row in passed.to_dict("records")]
+
+
+def grasp_orders(count: int, trials: int, attempts: int, rng: np.random.Generator) -> list[NDArray[np.int64]]:
+    """Return for each trial the indices of the grasps to try, in order, at most ``attempts`` of ``count``.
+
+    The first choices of successive trials run through one random permutation, so they differ as long as there are
+    enough grasps; the others, used when no motion is found for the first, are random.
+    """
+    first = rng.permutation(count)
+    orders = []
+    for trial in range(trials):
+        others = rng.permutation(count)
+        chosen = first[trial % count] if count else 0
+        orders.append(np.concatenate([[chosen], others[others != chosen]])[: min(attempts, count)].astype(np.int64))
+    return orders

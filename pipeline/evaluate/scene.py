@@ -1,0 +1,111 @@
+"""The scene of a trial: robot at the world's origin, table top at z = 0, a sponge, and two objects on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.records.objects import PreparedObject
+from pipeline.records.parameters.evaluate import EvaluateParameters
+from pipeline.records.parameters.physics import PhysicsParameters
+
+if TYPE_CHECKING:
+    from pipeline.motion.collisions import Obstacle
+    from pipeline.physics.bodies import Body
+    from pipeline.physics.robots import Robot
+    from pipeline.physics.world import World
+
+SPONGE_SIZE = 0.4  # m, square. Paper's code: 0.4.
+SPONGE_X = 0.5  # m in front of the robot's base. Paper's code: 0.5.
+TABLE_SIZE = (2.0, 2.4, 0.1)  # m
+TABLE_X = 0.5  # m
+# Palm down 0.45 m over the table, between the objects. Paper's code: the same at 0.30 m, where a finger that opens hits
+# an object of 10 cm.
+START_ARM = np.array([-0.1477, -0.6262, 0.1268, -2.5457, 0.0791, 1.9223, 1.4988])  # rad
+START_HAND = np.array([0.0, 0.7, 0.0, 0.4] * 3 + [1.0, 0.0, 0.0, 0.0])  # rad. Paper's code.
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A built scene with both objects where they were put."""
+
+    world: World
+    robot: Robot
+    objects: tuple[Body, Body]
+
+
+def without_grid(prepared: PreparedObject) -> PreparedObject:
+    """Return the object without its signed-distance grid, which trials do not need and workers would have to copy."""
+    return replace(prepared, distance=np.zeros((0, 0, 0), np.float32))
+
+
+def placement_offsets(settings: EvaluateParameters, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Return (2, 3): x, y (m) and yaw (rad) by which the two objects stand beside their nominal places."""
+    limits = np.array([settings.perturbation, settings.perturbation, settings.yaw_perturbation])
+    return rng.uniform(-1.0, 1.0, (2, 3)) * limits
+
+
+def placed(
+    objects: tuple[PreparedObject, PreparedObject], settings: EvaluateParameters, offsets: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return ``T_world_object`` (4, 4) of both objects standing on the sponge; object 0 on the robot's right."""
+    poses = []
+    for side, prepared, (x, y, yaw) in zip((-1, 1), objects, offsets, strict=True):
+        T = np.eye(4)
+        T[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+        T[:3, 3] = (SPONGE_X + x, side * settings.object_distance / 2 + y, settings.sponge_height - prepared.bottom)
+        poses.append(T)
+    return poses[0], poses[1]
+
+
+def _centred(x: float, z: float) -> NDArray[np.float64]:
+    T = np.eye(4)
+    T[:3, 3] = (x, 0.0, z)
+    return T
+
+
+def build_scene(
+    objects: tuple[PreparedObject, PreparedObject],
+    settings: EvaluateParameters,
+    physics: PhysicsParameters,
+    offsets: NDArray[np.float64],
+) -> Scene:
+    """Build the physics of one trial, robot in its start posture; nothing has moved yet."""
+    from pipeline.physics.bodies import add_object, add_support
+    from pipeline.physics.robots import add_robot
+    from pipeline.physics.world import make_world
+
+    world = make_world(physics)
+    robot = add_robot(world, physics, arm=True, T_world_root=np.eye(4), q=np.concatenate([START_ARM, START_HAND]))
+    sponge = np.array([SPONGE_SIZE, SPONGE_SIZE, settings.sponge_height])
+    add_support(
+        world, physics, np.array(TABLE_SIZE) / 2, _centred(TABLE_X, -TABLE_SIZE[2] / 2), kinematic=False, name="table"
+    )
+    add_support(world, physics, sponge / 2, _centred(SPONGE_X, sponge[2] / 2), kinematic=False, name="sponge")
+    poses = placed(objects, settings, offsets)
+    bodies = [
+        add_object(world, prepared, physics, T, name=f"object{index}")
+        for index, (prepared, T) in enumerate(zip(objects, poses, strict=True))
+    ]
+    return Scene(world=world, robot=robot, objects=(bodies[0], bodies[1]))
+
+
+def support_obstacles(settings: EvaluateParameters, sponge_drop: float) -> list[Obstacle]:
+    """Return table and sponge for the planner, the sponge's top lowered by ``sponge_drop``, m."""
+    from pipeline.motion.collisions import Obstacle, box_shape
+
+    height = settings.sponge_height - sponge_drop
+    return [
+        Obstacle("table", (box_shape(TABLE_SIZE),), _centred(TABLE_X, -TABLE_SIZE[2] / 2)),
+        Obstacle("sponge", (box_shape([SPONGE_SIZE, SPONGE_SIZE, height]),), _centred(SPONGE_X, height / 2)),
+    ]
+
+
+def object_obstacle(prepared: PreparedObject, name: str) -> Obstacle:
+    """Return an object for the planner, with the same convex parts as in physics, at the world's origin."""
+    from pipeline.motion.collisions import Obstacle, convex_shape
+
+    return Obstacle(name, tuple(convex_shape(vertices) for vertices, _ in prepared.parts))

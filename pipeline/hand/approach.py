@@ -1,0 +1,190 @@
+"""How the hand comes to a grasp: which fingers open how far, and along which straight line, so that nothing is swept.
+
+The hand starts ``length`` metres away along ``direction`` with the opened fingers and moves straight in. A choice is
+judged by a sweep: sample points of the hand (with flange and mount behind it, and with whatever it carries already)
+must neither enter the object nor dip below the plane that the object stands on. Pure numpy; no physics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.hand.allegro import FINGER_JOINTS, FINGER_LINKS, Hand
+from pipeline.hand.kinematics import link_poses, points_on_links
+from pipeline.hand.moves import finger_joints, move_points
+from pipeline.hand.surface import hand_surface, mount_surface
+from pipeline.records.distance import signed_distance
+from pipeline.records.objects import PreparedObject
+from pipeline.records.poses import transform_points
+
+EXTENDED_FINGER = np.array([0.0, -0.1, 0.0, 0.0])  # rad, a straight finger
+EXTENSIONS = (0.4, 0.6, 0.8, 1.0)  # shares of the way to a straight ring finger
+HORIZONTAL_TURNS = np.deg2rad([0, 15, -15, 30, -30, 45, -45, 60, -60])
+PINCH_TILTS = (0.0, 0.25, 0.5, 1.0)  # shares of the way from the hand-object line to straight up
+OPENING_SHARES = (1.0, 0.7, 0.4)  # smaller openings are tried when the full one is swept
+STATION_STEP = 0.005  # m between the stations of a sweep
+ENOUGH_CLEARANCE = 0.005  # m; more does not make a choice better
+FINAL_STRETCH = 0.01  # m before the grasp where palm and resting fingers may be near: they touch at its end
+HAND_POINTS = 500
+MOUNT_POINTS = 100
+CARRIED_POINTS = 512
+
+
+@dataclass(frozen=True)
+class Approach:
+    """A straight way in."""
+
+    open_q: NDArray[np.float64]  # (16,) rad
+    direction: NDArray[np.float64]  # (3,) unit, object frame, from the grasp towards where the hand comes from
+    length: float  # m
+    penetrations: int  # swept sample points that enter the object or the support plane
+    clearance: float  # m, smallest distance to the object on the way, of all points but those that touch at its end
+
+
+def choose_approach(
+    hand: Hand,
+    prepared: PreparedObject,
+    T_object_hand: NDArray[np.float64],
+    q: NDArray[np.float64],
+    style: str,
+    contact_candidates: NDArray[np.int64],
+    opening: float,
+    lengths: Sequence[float] = (0.05,),
+    carried: Sequence[tuple[PreparedObject, NDArray[np.float64]]] = (),
+    tolerance: float = 0.001,
+) -> Approach:
+    """Return the opening and direction whose sweep touches least; among equals the roomier, then the earlier one.
+
+    Args:
+        prepared: the object to be approached; it stands on the plane z = ``prepared.bottom`` of its frame.
+        T_object_hand: (4, 4) the grasp.
+        q: (16,) joint angles at the grasp; joints of fingers that do not open keep them (for a second object: with
+            the fingers that hold the first one already squeezing).
+        style: ``pinch`` (the fingers of the contacts open horizontally away from the object's axis; the hand comes
+            along the hand-object line or more from above) or ``side`` (the ring finger opens; the hand comes along
+            that line or horizontally, up to 60 degrees beside it).
+        contact_candidates: (n,) indices into ``hand.contact_points`` of the contacts with this object.
+        opening: how far the contact points of the opening fingers move away, m.
+        lengths: lengths of the straight line, m; the first one that touches nothing is taken.
+        carried: objects that the hand holds already, with their ``T_hand_object`` (4, 4).
+        tolerance: depth below which a point does not count as touching, m.
+    """
+    fingers = sorted({hand.contact_finger[c] for c in contact_candidates} - {"palm"})
+    directions = approach_directions(T_object_hand, style)
+    openings = open_postures(hand, T_object_hand, q, style, contact_candidates, opening)
+    rigid = [mount_surface(MOUNT_POINTS)]
+    rigid += [transform_points(T, held.surface_points[:CARRIED_POINTS]) for held, T in carried]
+    best: tuple[tuple[int, float], Approach] | None = None
+    for length in lengths:
+        for open_q in openings:
+            points, is_opening = _sample(hand, open_q, fingers, np.concatenate(rigid))
+            points = transform_points(T_object_hand, points)
+            for direction in directions:
+                penetrations, clearance = _sweep(prepared, points, is_opening, direction, length, tolerance)
+                rank = (penetrations, -round(min(clearance, ENOUGH_CLEARANCE), 4))
+                if best is None or rank < best[0]:
+                    best = rank, Approach(open_q, direction, float(length), penetrations, clearance)
+                if rank == (0, -ENOUGH_CLEARANCE):
+                    return best[1]  # nothing later can be better
+        if best is not None and best[1].penetrations == 0:
+            break
+    assert best is not None
+    return best[1]
+
+
+def approach_directions(T_object_hand: NDArray[np.float64], style: str) -> list[NDArray[np.float64]]:
+    """Return candidate directions (3,), unit, object frame, from the grasp outwards; the preferred one first."""
+    line = T_object_hand[:3, 3] / np.linalg.norm(T_object_hand[:3, 3])
+    up = np.array([0.0, 0.0, 1.0])
+    if style == "pinch":
+        tilted = [(1 - share) * line + share * up for share in PINCH_TILTS]
+        return [direction / np.linalg.norm(direction) for direction in tilted]
+    flat = np.array([line[0], line[1], 0.0])
+    if np.linalg.norm(flat) < 1e-6:
+        return [line]
+    flat /= np.linalg.norm(flat)
+    turned = [
+        np.array([np.cos(turn) * flat[0] - np.sin(turn) * flat[1], np.sin(turn) * flat[0] + np.cos(turn) * flat[1], 0])
+        for turn in HORIZONTAL_TURNS
+    ]
+    return [line, *turned]
+
+
+def open_postures(
+    hand: Hand,
+    T_object_hand: NDArray[np.float64],
+    q: NDArray[np.float64],
+    style: str,
+    contact_candidates: NDArray[np.int64],
+    opening: float,
+) -> list[NDArray[np.float64]]:
+    """Return candidate joint angles (16,) with the grasping fingers opened; the preferred one first.
+
+    Contact points move horizontally (in the object frame) away from the object's vertical axis; for the ring finger
+    postures between the grasp and the straight finger follow.
+    """
+    movable = contact_candidates[[hand.contact_finger[c] != "palm" for c in contact_candidates]]
+    if len(movable) == 0:
+        return [q]
+    fingers = sorted({hand.contact_finger[c] for c in movable})
+    points = points_on_links(link_poses(hand, q[None]), hand.contact_link[movable], hand.contact_points[movable])[0]
+    outward = transform_points(T_object_hand, points) * [1.0, 1.0, 0.0]
+    length = np.linalg.norm(outward, axis=1, keepdims=True)
+    outward = np.where(length > 1e-3, outward / np.maximum(length, 1e-9), [0.0, 0.0, 1.0]) @ T_object_hand[:3, :3]
+    postures = [
+        move_points(
+            hand,
+            q,
+            list(hand.contact_link[movable]),
+            hand.contact_points[movable],
+            share * opening * outward,
+            finger_joints(fingers),
+        )
+        for share in OPENING_SHARES
+    ]
+    if style == "side":
+        ring = list(FINGER_JOINTS["ring"])
+        for share in EXTENSIONS:
+            extended = q.copy()
+            extended[ring] = (1 - share) * q[ring] + share * EXTENDED_FINGER
+            postures.append(extended)
+    return postures
+
+
+def _sample(
+    hand: Hand, open_q: NDArray[np.float64], fingers: Sequence[str], rigid: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return points (n, 3), hand frame, of hand and ``rigid``, and which of them are on the opening fingers."""
+    link, local = hand_surface(HAND_POINTS)
+    points = points_on_links(link_poses(hand, open_q[None]), link, local)[0]
+    opening = [hand.link(name) for finger in fingers for name in FINGER_LINKS[finger]]
+    is_opening = np.concatenate([np.isin(link, opening), np.zeros(len(rigid), dtype=bool)])
+    return np.concatenate([points, rigid]), is_opening
+
+
+def _sweep(
+    prepared: PreparedObject,
+    points: NDArray[np.float64],
+    is_opening: NDArray[np.bool_],
+    direction: NDArray[np.float64],
+    length: float,
+    tolerance: float,
+) -> tuple[int, float]:
+    """Return how many ``points`` (n, 3), object frame at the grasp, touch on the way, and the clearance, m."""
+    stations = np.linspace(0.0, length, max(2, round(length / STATION_STEP) + 1))
+    swept = points[:, None] + stations[:, None] * direction  # (n, stations, 3)
+    touches: NDArray[np.bool_] = np.asarray((swept[..., 2] < prepared.bottom - tolerance).any(axis=1))
+    low = prepared.vertices.min(0) - ENOUGH_CLEARANCE
+    high = prepared.vertices.max(0) + ENOUGH_CLEARANCE
+    near = ((swept > low) & (swept < high)).all(-1)
+    if not near.any():
+        return int(touches.sum()), ENOUGH_CLEARANCE
+    owner, station = np.nonzero(near)
+    distance = signed_distance(prepared, swept[near])
+    touches[owner[distance < -tolerance]] = True
+    judged = is_opening[owner] | (stations[station] >= FINAL_STRETCH)
+    return int(touches.sum()), float(distance[judged].min(initial=ENOUGH_CLEARANCE))

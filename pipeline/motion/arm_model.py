@@ -1,0 +1,91 @@
+"""The Panda with the Allegro hand in a fixed posture: hand pose, Jacobian, and collision shapes.
+
+While the arm moves the fingers do not, so a model of seven joints is enough: every shape of the hand rides on the last
+arm joint. The model is built anew for every hand posture, which takes milliseconds.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipeline.hand.robot import ARM_JOINT_NAMES, JOINT_NAMES, robot_file
+
+# Acceleration limits of the Panda, rad/s2 (Franka's data sheet); the URDF has none.
+ARM_ACCELERATION = np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])
+HAND_FRAME = "base_link"
+
+
+@lru_cache(maxsize=1)
+def _full_robot() -> tuple[Any, Any]:
+    """Pinocchio model and geometry of all 23 joints; meshes become their convex hulls, as in physics."""
+    import pinocchio as pin
+
+    description = str(robot_file(arm=True))
+    model = pin.buildModelFromUrdf(description)
+    geometry = pin.buildGeomFromUrdf(model, description, pin.GeometryType.COLLISION)
+    for item in geometry.geometryObjects:
+        if hasattr(item.geometry, "buildConvexHull"):
+            item.geometry.buildConvexHull(True, "Qt")
+            item.geometry = item.geometry.convex
+    return model, geometry
+
+
+class ArmModel:
+    """Seven arm joints with the hand locked at one posture.
+
+    Attributes:
+        model: Pinocchio model, ``nq`` 7.
+        geometry: Pinocchio geometry of the robot, without collision pairs.
+        lower, upper: (7,) joint limits, rad.
+        velocity: (7,) velocity limits, rad/s.
+    """
+
+    def __init__(self, hand_q: ArrayLike) -> None:
+        """Build the model; ``hand_q`` (16,) in the order ``joint_0.0`` ... ``joint_15.0``, rad."""
+        import pinocchio as pin
+
+        full, geometry = _full_robot()
+        q = pin.neutral(full)
+        for name, angle in zip(JOINT_NAMES, np.asarray(hand_q, np.float64), strict=True):
+            q[full.joints[full.getJointId(name)].idx_q] = angle
+        locked = [full.getJointId(name) for name in JOINT_NAMES]
+        self.model, self.geometry = pin.buildReducedModel(full, geometry, locked, q)
+        assert list(self.model.names)[1:] == list(ARM_JOINT_NAMES)
+        self.lower: NDArray[np.float64] = self.model.lowerPositionLimit.copy()
+        self.upper: NDArray[np.float64] = self.model.upperPositionLimit.copy()
+        self.velocity: NDArray[np.float64] = self.model.velocityLimit.copy()
+        self._frame = self.model.getFrameId(HAND_FRAME)
+        self._data = self.model.createData()
+
+    def hand_pose(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return ``T_base_hand`` (4, 4) at arm joints ``q`` (7,); the robot's base is the world's origin."""
+        import pinocchio as pin
+
+        pin.framesForwardKinematics(self.model, self._data, q)
+        pose: NDArray[np.float64] = self._data.oMf[self._frame].homogeneous.copy()
+        return pose
+
+    def pose_error(
+        self, q: NDArray[np.float64], T_base_hand: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the twist (6,) from the hand's pose at ``q`` to a goal, and the Jacobian (6, 7).
+
+        Both in the hand frame, linear part first, m and rad.
+        """
+        import pinocchio as pin
+
+        pin.computeJointJacobians(self.model, self._data, q)
+        pin.updateFramePlacement(self.model, self._data, self._frame)
+        J = pin.getFrameJacobian(self.model, self._data, self._frame, pin.LOCAL)
+        goal = pin.SE3(T_base_hand[:3, :3], T_base_hand[:3, 3])
+        return pin.log6(self._data.oMf[self._frame].actInv(goal)).vector, J
+
+    @property
+    def T_link7_hand(self) -> NDArray[np.float64]:
+        """Fixed transform (4, 4) from the hand to the last joint's frame."""
+        placement: NDArray[np.float64] = self.model.frames[self._frame].placement.homogeneous.copy()
+        return placement

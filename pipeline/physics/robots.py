@@ -1,0 +1,165 @@
+"""The Allegro hand alone (floating, root fixed in space) or on the Panda arm, as a SAPIEN articulation.
+
+Joints are always addressed by name, in the order of ``pipeline.hand``; SAPIEN's own order is breadth-first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipeline.hand.allegro import JOINT_NAMES
+from pipeline.hand.robot import ROBOT_JOINT_NAMES, robot_file
+from pipeline.physics.world import World, from_sapien, to_sapien
+from pipeline.records.parameters.physics import PhysicsParameters
+
+TIP_SUFFIX = "_tip"
+# Links of one group never collide with each other. Every pair here is rigid, neighbouring, or kept apart by the joint
+# limits (tests/physics checks the distances); they are always nearer than the contact offset and would cost most of
+# the simulation. Pairs that can truly meet (neighbouring fingers, thumb against fingers, ...) are in no group.
+NEVER_MEETING: tuple[tuple[str, ...], ...] = (
+    ("panda_link7", "mount", "base_link", "link_12.0", "link_13.0"),
+    ("base_link", "link_0.0", "link_4.0", "link_8.0"),
+    ("base_link", "link_0.0", "link_1.0", "link_2.0"),
+    ("base_link", "link_4.0", "link_5.0", "link_6.0"),
+    ("base_link", "link_8.0", "link_9.0", "link_10.0"),
+    ("link_0.0", "link_1.0", "link_2.0", "link_3.0", "link_3.0_tip"),
+    ("link_4.0", "link_5.0", "link_6.0", "link_7.0", "link_7.0_tip"),
+    ("link_8.0", "link_9.0", "link_10.0", "link_11.0", "link_11.0_tip"),
+    ("link_12.0", "link_13.0", "link_14.0"),
+    ("link_13.0", "link_14.0", "link_15.0", "link_15.0_tip"),
+    ("link_0.0", "link_4.0", "link_5.0"),
+    ("link_0.0", "link_1.0", "link_4.0"),
+    ("link_4.0", "link_8.0", "link_9.0"),
+    ("link_4.0", "link_5.0", "link_8.0"),
+)
+
+
+@dataclass(frozen=True)
+class Robot:
+    """An articulation with its joints in the order of ``joint_names``."""
+
+    articulation: Any  # sapien.physx.PhysxArticulation
+    joint_names: tuple[str, ...]
+    joints: tuple[Any, ...]
+    order: NDArray[np.int64]  # position of each named joint in SAPIEN's order
+    links: dict[str, Any]
+    link_name_by_component: dict[Any, str]
+
+    @property
+    def q(self) -> NDArray[np.float64]:
+        """Joint positions (n,), rad."""
+        return np.asarray(self.articulation.qpos, np.float64)[self.order]
+
+    @property
+    def velocity(self) -> NDArray[np.float64]:
+        """Joint velocities (n,), rad/s."""
+        return np.asarray(self.articulation.qvel, np.float64)[self.order]
+
+    def set_q(self, q: ArrayLike) -> None:
+        """Put the joints at ``q`` (n,), rad, at once and at rest; drive targets stay as they are."""
+        values = np.zeros(len(self.order), dtype=np.float32)
+        values[self.order] = q
+        self.articulation.qpos = values
+        self.articulation.qvel = np.zeros_like(values)
+
+    def set_targets(self, q: ArrayLike, velocity: ArrayLike | None = None) -> None:
+        """Set drive targets ``q`` (n,), rad, and target velocities (n,), rad/s (zero when left out)."""
+        positions = np.asarray(q, np.float64)
+        velocities = np.zeros(len(self.joints)) if velocity is None else np.asarray(velocity, np.float64)
+        for joint, position, speed in zip(self.joints, positions, velocities, strict=True):
+            joint.set_drive_target(float(position))
+            joint.set_drive_velocity_target(float(speed))
+
+    def set_root(self, T_world_root: ArrayLike) -> None:
+        """Put the fixed root somewhere else at once."""
+        self.articulation.root_pose = to_sapien(T_world_root)
+
+    def link_pose(self, name: str) -> NDArray[np.float64]:
+        """``T_world_link`` (4, 4)."""
+        return from_sapien(self.links[name].entity_pose)
+
+    @property
+    def asleep(self) -> bool:
+        """PhysX has put the whole articulation to rest."""
+        return bool(self.articulation.root.sleeping)
+
+
+@lru_cache(maxsize=2)
+def _parsed(arm: bool) -> Any:
+    """Parse the robot's URDF once per process; the builder is used again for every world."""
+    from sapien.wrapper.urdf_loader import URDFLoader
+
+    class _NoScene:
+        def create_articulation_builder(self) -> Any:
+            from sapien.wrapper.articulation_builder import ArticulationBuilder
+
+            return ArticulationBuilder()
+
+    loader = URDFLoader()
+    loader.set_scene(_NoScene())
+    builders, _, _ = loader.parse(str(robot_file(arm)))
+    builder = builders[0]
+    for bit, group in enumerate(NEVER_MEETING):
+        for link in builder.link_builders:
+            if link.name in group:
+                link.collision_groups[2] |= 1 << bit
+    return builder
+
+
+def _materials(links: dict[str, Any], settings: PhysicsParameters) -> None:
+    from sapien import physx
+
+    tip = physx.PhysxMaterial(settings.tip_static_friction, settings.tip_dynamic_friction, 0.0)
+    other = physx.PhysxMaterial(settings.link_friction, settings.link_friction, 0.0)
+    for name, link in links.items():
+        for shape in link.collision_shapes:
+            shape.physical_material = tip if name.endswith(TIP_SUFFIX) else other
+            if name.endswith(TIP_SUFFIX):
+                shape.patch_radius = settings.tip_patch_radius
+                shape.min_patch_radius = settings.tip_patch_radius
+
+
+def add_robot(world: World, settings: PhysicsParameters, arm: bool, T_world_root: ArrayLike, q: ArrayLike) -> Robot:
+    """Add the hand, alone or on the arm, with a root fixed in space, at rest at ``q``, which is also its target.
+
+    The robot's links do not feel gravity: the real arm compensates it.
+
+    Args:
+        arm: False: 16 joints in the order of ``hand.allegro.JOINT_NAMES``, root ``base_link``.
+            True: 23 joints in the order of ``hand.robot.ROBOT_JOINT_NAMES``, root ``panda_link0``.
+        T_world_root: (4, 4) pose of the root link.
+        q: (16,) or (23,) first joint positions and drive targets, rad.
+    """
+    builder = _parsed(arm)
+    builder.set_scene(world.scene)
+    builder.set_initial_pose(to_sapien(T_world_root))
+    articulation = builder.build(fix_root_link=True)
+    names = ROBOT_JOINT_NAMES if arm else JOINT_NAMES
+    in_sapien = [joint.name for joint in articulation.active_joints]
+    order = np.array([in_sapien.index(name) for name in names])
+    joints = tuple(articulation.active_joints[index] for index in order)
+    for name, joint in zip(names, joints, strict=True):
+        if name in JOINT_NAMES:
+            joint.set_drive_properties(settings.hand_stiffness, settings.hand_damping, settings.hand_torque_limit)
+        else:
+            joint.set_drive_properties(settings.arm_stiffness, settings.arm_damping, settings.arm_torque_limit)
+    links = {link.name: link for link in articulation.links}
+    for link in links.values():
+        link.disable_gravity = True
+    _materials(links, settings)
+    robot = Robot(
+        articulation=articulation,
+        joint_names=names,
+        joints=joints,
+        order=order,
+        links=links,
+        link_name_by_component={link: name for name, link in links.items()},
+    )
+    robot.set_q(q)
+    robot.set_targets(q)
+    return robot

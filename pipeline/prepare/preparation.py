@@ -1,0 +1,79 @@
+"""The whole preparation of one object, from raw triangles to the record that other stages load."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pipeline.prepare import convex_parts, distance_grid, frame, mass, repair, resting, samples, sources
+from pipeline.records.errors import UserError
+from pipeline.records.objects import PreparedObject
+from pipeline.records.parameters.objects import ObjectParameters
+from pipeline.records.parameters.prepare import PrepareParameters
+from pipeline.records.seeds import item_generator
+
+LARGEST_VOLUME_ERROR = 0.03  # of the convex parts together, against the solid
+SMALLEST_MARGIN = 0.002  # m, of the support polygon around the centre of mass
+SMALLEST_TIP_ANGLE = np.radians(5.0)
+
+
+def _union_volume(parts: list[convex_parts.Mesh]) -> float:
+    """Volume of the union of convex parts, m3."""
+    import manifold3d
+
+    solids = [manifold3d.Manifold.hull_points(vertices) for vertices, _ in parts]
+    return float(manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add).volume())
+
+
+def prepare_object(name: str, shape: ObjectParameters, parameters: PrepareParameters) -> PreparedObject:
+    """Return the prepared object.
+
+    Raises:
+        UserError: the source is missing or cannot become one solid that stands with its ``up`` axis upward.
+    """
+    raw = sources.raw_mesh(shape, name)
+    solid = repair.repair(raw.vertices, raw.faces, name)
+    faces = solid.faces
+    vertices = frame.canonical_vertices(solid.vertices, faces, shape.up)
+    standing = resting.stance(vertices)
+    if standing.margin < SMALLEST_MARGIN or standing.tip_angle < SMALLEST_TIP_ANGLE:
+        raise UserError(
+            f"objects.{name}: the object does not stand with {shape.up} up (its centre of mass is "
+            f"{1000 * standing.margin:.1f} mm inside its support, {1000 * SMALLEST_MARGIN:g} are needed); set `up` to "
+            "another axis or turn the mesh."
+        )
+    volume, _, inertia = mass.solid_properties(vertices, faces)
+    parts, lost = convex_parts.convex_parts(vertices, faces, parameters)
+    parts_volume = _union_volume(parts)
+    grid = distance_grid.distance_grid(vertices, faces, parameters.distance_cells, parameters.distance_padding)
+    surface = samples.surface_samples(vertices, faces, parameters.surface_points, item_generator(0, "prepare", name))
+    hull_volume = mass.solid_properties(*convex_parts.convex_hull(vertices))[0]
+    repairs = list(solid.repairs)
+    return PreparedObject(
+        name=name,
+        vertices=vertices,
+        faces=faces,
+        parts=tuple(parts),
+        distance=grid.values,
+        distance_origin=grid.origin,
+        distance_spacing=grid.spacing,
+        surface_points=surface[:, :3].astype(np.float64),
+        surface_normals=surface[:, 3:].astype(np.float64),
+        mass=volume * shape.density,
+        inertia=inertia * shape.density,
+        volume=volume,
+        extents=np.ptp(vertices, axis=0),
+        provenance={
+            "source": raw.source,
+            "licence": raw.licence,
+            "repairs": repairs,
+            "raw_faces": len(raw.faces),
+            "faces": len(faces),
+            "hull_volume": hull_volume,
+            "parts_volume": parts_volume,
+            "parts_lost_depth": lost,
+            "density": shape.density,
+            "stance_margin": standing.margin,
+            "stance_tip_degrees": float(np.degrees(standing.tip_angle)),
+            "stable_poses": resting.stable_poses(vertices),
+        },
+    )

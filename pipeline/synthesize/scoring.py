@@ -1,0 +1,118 @@
+"""Final scores of synthesized grasps against the exact mesh, and the filter that names what a grasp fails."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pipeline.hand.allegro import Hand
+from pipeline.records.objects import PreparedObject
+from pipeline.records.parameters.synthesize import EnergyParameters
+from pipeline.synthesize.energy import Grasps, Terms, contact_positions, contact_shares, torque_scale
+
+SURFACE_TOLERANCE = 1e-6  # m; nearer than this, the normal is that of the triangle
+# A grasp is a duplicate of a better one within all three (notes of the yield measurements).
+SAME_POSITION, SAME_ROTATION, SAME_JOINT = 0.01, np.deg2rad(15.0), 0.2
+
+
+class ExactSurface:
+    """Distance and normals of the prepared mesh itself, without a grid."""
+
+    def __init__(self, prepared: PreparedObject) -> None:
+        import open3d as o3d
+
+        self._tensor: Any = o3d.core.Tensor
+        self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+        self._scene.add_triangles(
+            o3d.core.Tensor(prepared.vertices.astype(np.float32)), o3d.core.Tensor(prepared.faces.astype(np.uint32))
+        )
+
+    def distance_and_normal(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return signed distances (n,), positive outside, and outward unit normals (n, 3) of points (n, 3).
+
+        The normal points from the closest surface point to the point (outside) or back (inside), which at an edge lies
+        between the normals of its faces.
+        """
+        query = self._tensor(np.ascontiguousarray(points, dtype=np.float32))
+        closest = self._scene.compute_closest_points(query)
+        sign = np.where(self._scene.compute_occupancy(query, nthreads=1).numpy() > 0.5, -1.0, 1.0)
+        away = points - closest["points"].numpy().astype(np.float64)
+        distance = np.linalg.norm(away, axis=1)
+        near = distance < SURFACE_TOLERANCE
+        normal = np.where(near[:, None], 0.0, sign[:, None] * away / np.maximum(distance, SURFACE_TOLERANCE)[:, None])
+        normal[near] = closest["primitive_normals"].numpy().astype(np.float64)[near]
+        return sign * distance, normal / np.linalg.norm(normal, axis=1, keepdims=True)
+
+
+def force_closure(
+    points: NDArray[np.float64], normals: NDArray[np.float64], shares: NDArray[np.float64], scale: float
+) -> NDArray[np.float64]:
+    """Return |sum of share (n; scale x cross n)|^2 (B,) of contacts (B, n, 3): differentiable force closure.
+
+    Source: the published energy, with a share per contact and torques scaled by the object's size.
+    """
+    forces = shares[..., None] * normals
+    wrench = np.concatenate([forces.sum(1), scale * np.cross(points, forces).sum(1)], axis=-1)
+    return (wrench**2).sum(-1)
+
+
+def score_exactly(
+    hand: Hand, prepared: PreparedObject, energy: EnergyParameters, grasps: Grasps, terms: Terms
+) -> tuple[Terms, NDArray[np.float64], NDArray[np.float64]]:
+    """Return terms with force closure, distance and energy taken from the mesh, contact points and normals (B, n, 3).
+
+    The other terms do not use the distance grid, so they are exact already.
+    """
+    points = contact_positions(hand, grasps)
+    distance, normals = ExactSurface(prepared).distance_and_normal(points.reshape(-1, 3))
+    normals = normals.reshape(points.shape)
+    shares = contact_shares(hand, grasps.contacts, energy.balance_forces)
+    closure = force_closure(points, normals, shares, torque_scale(prepared.extents, energy.scale_torque))
+    exact = replace(terms, force_closure=closure, distance=np.abs(distance.reshape(points.shape[:2])).sum(1))
+    total = (
+        energy.weight_force_closure * exact.force_closure
+        + energy.weight_distance * exact.distance
+        + energy.weight_penetration * (exact.penetration + exact.table)
+        + energy.weight_self_penetration * exact.self_penetration
+        + energy.weight_joints * exact.joints
+    )
+    return replace(exact, energy=total), points, normals
+
+
+def first_failures(terms: Terms, energy: EnergyParameters) -> NDArray[np.str_]:
+    """Return per grasp the first check that it fails, '' if none."""
+    checks = {
+        "joints": terms.joints > energy.limit_joints,
+        "distance": terms.distance > energy.limit_distance,
+        "force_closure": terms.force_closure > energy.limit_force_closure,
+        "penetration": terms.penetration > energy.limit_penetration,
+        "table": terms.penetration + terms.table > energy.limit_penetration,
+        "self_penetration": terms.self_penetration > energy.limit_self_penetration,
+    }
+    reasons = np.full(len(terms.energy), "", dtype="<U32")
+    for name, failed in checks.items():
+        reasons[(reasons == "") & failed] = name
+    return reasons
+
+
+def duplicates(grasps: Grasps, energies: NDArray[np.float64], eligible: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which eligible grasps lie within 1 cm, 15 degrees and 0.2 rad per joint of a kept one of lower energy."""
+    order = np.flatnonzero(eligible)[np.argsort(energies[eligible], kind="stable")]
+    rotations = Rotation.from_quat(grasps.rotation, scalar_first=True)
+    quaternions = rotations.as_quat(scalar_first=True)
+    kept: list[int] = []
+    duplicate = np.zeros(len(grasps), dtype=bool)
+    for index in order:
+        rivals = np.array(kept, dtype=np.int64)
+        near = np.linalg.norm(grasps.position[rivals] - grasps.position[index], axis=1) < SAME_POSITION
+        near &= np.abs(grasps.q[rivals] - grasps.q[index]).max(axis=1, initial=0.0) < SAME_JOINT
+        cosine = np.abs(quaternions[rivals] @ quaternions[index])
+        near &= 2 * np.arccos(np.minimum(cosine, 1.0)) < SAME_ROTATION
+        duplicate[index] = near.any()
+        if not duplicate[index]:
+            kept.append(int(index))
+    return duplicate

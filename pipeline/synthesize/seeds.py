@@ -1,0 +1,126 @@
+"""First states of the chains: where the hand stands before it looks for a grasp.
+
+The published distributions, turned to z up: a pinching hand looks down with its fingers away from the robot (+x), a
+side hand lies on its side with its palm towards +y. Draws that start inside the object or under the table are drawn
+again (a third of the published pinch draws, four side draws of five).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pipeline.hand.allegro import Hand
+from pipeline.hand.moves import finger_joints
+from pipeline.records.parameters.synthesize import StyleParameters
+from pipeline.synthesize.energy import EnergyScene, Grasps
+
+JITTER = 0.1  # standard deviation of joints, share of their range (released code)
+ROTATION_NOISE = 0.1  # rad per axis; the released code adds it to the entries of its 6-D rotation
+ATTEMPTS = 60  # draws per chain before the least colliding one is taken
+
+# Columns: hand x (palm normal), y (index side), z (fingers), object frame.
+PINCH_ROTATION = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
+SIDE_ROTATION = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
+
+# Index, middle, ring, thumb; rad. Released means, but for the fingers that the style does not use.
+PINCH_POSTURE = np.array([0, 0.5, 0, 0, 0, 0.5, 0, 0, 0, -0.1, 0, 0, 1.4, 0, 0, 0])
+# Ring as released; thumb, index and middle as in a pinch of a 4-6 cm object.
+SIDE_POSTURE = np.array([0, 0.9, 0.45, 0.35, 0.05, 0.75, 0.3, 0.25, 0.02, 0.8, 0.6, 0.6, 1.33, 0.1, 0.42, 0.38])
+HELD_SPREAD = 0.1  # rad, spread of joints that stay where they are drawn
+HELD_FINGERS = {"pinch": ("ring",), "side": ("thumb", "index", "middle")}
+
+
+def free_joints(style: str) -> NDArray[np.bool_]:
+    """Return (16,) joints that synthesis may move; the others belong to the other object of a pair."""
+    free = np.ones(16, dtype=bool)
+    free[finger_joints(HELD_FINGERS[style])] = False
+    return free
+
+
+def minimal_rotation(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotation matrix (3, 3) by the least angle that takes the unit vector ``start`` to ``end``."""
+    axis = np.cross(start, end)
+    sine, cosine = float(np.linalg.norm(axis)), float(start @ end)
+    if sine < 1e-12:
+        return np.eye(3)
+    return Rotation.from_rotvec(axis / sine * np.arctan2(sine, cosine)).as_matrix()
+
+
+def _truncated_normal(
+    rng: np.random.Generator, mean: NDArray[np.float64], sigma: NDArray[np.float64], hand: Hand
+) -> NDArray[np.float64]:
+    from scipy.special import ndtr, ndtri
+
+    low, high = ndtr((hand.lower - mean) / sigma), ndtr((hand.upper - mean) / sigma)
+    return np.clip(mean + sigma * ndtri(low + rng.random(16) * (high - low)), hand.lower, hand.upper)
+
+
+def draw_seed(
+    hand: Hand, style: str, settings: StyleParameters, slots: Sequence[NDArray[np.float64]], rng: np.random.Generator
+) -> Grasps:
+    """Return one draw (a batch of 1) of the first state of a chain."""
+    u = rng.random(3)
+    if style == "pinch":
+        v = np.array([0.3 + 0.7 * u[0], u[1] - 0.5, 0.6 * u[2] - 0.3])
+        R = minimal_rotation(np.array([1.0, 0, 0]), v / np.linalg.norm(v)) @ PINCH_ROTATION
+    else:
+        v = np.array([u[0] - 0.5, u[1] - 0.5, 0.3 + 0.5 * u[2]])
+        R = minimal_rotation(np.array([0, 0, 1.0]), v / np.linalg.norm(v)) @ SIDE_ROTATION
+    yaw = rng.uniform(-np.pi, np.pi)
+    if settings.full_yaw:
+        R = Rotation.from_euler("z", yaw).as_matrix() @ R
+    R = R @ Rotation.from_rotvec(ROTATION_NOISE * rng.normal(size=3)).as_matrix()
+    position = -R[:, 0] * rng.uniform(*settings.distance_from_palm)
+    mean = PINCH_POSTURE if style == "pinch" else SIDE_POSTURE
+    sigma = np.where(free_joints(style), JITTER * (hand.upper - hand.lower), HELD_SPREAD)
+    q = _truncated_normal(rng, mean, sigma, hand)
+    contacts: list[int] = []
+    for slot in slots:
+        chances = slot.copy()
+        chances[contacts] = 0.0
+        contacts.append(int(rng.choice(len(chances), p=chances / chances.sum())))
+    return Grasps(
+        position=position[None],
+        rotation=Rotation.from_matrix(R).as_quat(canonical=True, scalar_first=True)[None],
+        q=q[None],
+        contacts=np.array(contacts, dtype=np.int64)[None],
+    )
+
+
+def join(batches: Sequence[Grasps]) -> Grasps:
+    """Return batches with the same number of contacts as one."""
+    return Grasps(
+        position=np.concatenate([batch.position for batch in batches]),
+        rotation=np.concatenate([batch.rotation for batch in batches]),
+        q=np.concatenate([batch.q for batch in batches]),
+        contacts=np.concatenate([batch.contacts for batch in batches]),
+    )
+
+
+def draw_seeds(
+    scene: EnergyScene,
+    hand: Hand,
+    style: str,
+    settings: StyleParameters,
+    slots: Sequence[NDArray[np.float64]],
+    generators: Sequence[np.random.Generator],
+) -> Grasps:
+    """Return the first states of several chains, each from its own generator, free of collisions where possible."""
+    best: list[Grasps | None] = [None] * len(generators)
+    least = np.full(len(generators), np.inf)
+    open_chains = np.arange(len(generators))
+    for _ in range(ATTEMPTS):
+        draws = [draw_seed(hand, style, settings, slots, generators[chain]) for chain in open_chains]
+        terms, _ = scene.evaluate(join(draws))
+        overlap = terms.penetration + terms.table + terms.self_penetration
+        for chain, draw, value in zip(open_chains, draws, overlap, strict=True):
+            if value < least[chain]:
+                best[chain], least[chain] = draw, value
+        open_chains = open_chains[overlap > 0]
+        if len(open_chains) == 0:
+            break
+    return join([draw for draw in best if draw is not None])

@@ -1,0 +1,111 @@
+"""One candidate grasp through physics: approach sweep, six gravities, tabletop test."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.hand.allegro import FINGER_LINKS, load_hand
+from pipeline.hand.approach import choose_approach
+from pipeline.hand.moves import squeeze_joints
+from pipeline.physics.holding import HeldObject, Holding, hold_in_gravities
+from pipeline.physics.table_pick import pick_from_support
+from pipeline.records.objects import PreparedObject
+from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.parameters.validate import ValidateParameters
+from pipeline.records.poses import inverse_pose
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A synthesized grasp as arrays."""
+
+    style: str
+    fingers: tuple[str, ...]
+    T_object_hand: NDArray[np.float64]  # (4, 4)
+    q: NDArray[np.float64]  # (16,)
+    contact_candidates: NDArray[np.int64]  # (n,)
+    contact_normals: NDArray[np.float64]  # (n, 3) object frame, outward from the object
+
+
+def assigned_links(fingers: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the links that are meant to hold."""
+    return tuple(link for finger in fingers for link in FINGER_LINKS[finger])
+
+
+def squeeze_target(candidate: Candidate, advance: float) -> NDArray[np.float64]:
+    """Return drive targets (16,), rad, that press the contacts by ``advance`` metres along the inward normals."""
+    T_hand_object = inverse_pose(candidate.T_object_hand)
+    inward = -candidate.contact_normals @ T_hand_object[:3, :3].T
+    return squeeze_joints(
+        load_hand(), candidate.q, candidate.contact_candidates, inward, advance, list(candidate.fingers)
+    )
+
+
+def check_candidate(
+    prepared: PreparedObject, candidate: Candidate, settings: PhysicsParameters, limits: ValidateParameters
+) -> dict[str, Any]:
+    """Return the columns that physics adds to a candidate's row; columns of checks not reached are None.
+
+    Order: six gravities (``rejected_by`` becomes ``gravity:<direction>``), sweep of the approach (``approach``),
+    tabletop test (``table:push``, ``table:touch``, ``table:drop``, ``table:drift``). Without ``early_rejection`` every
+    check is made and ``rejected_by`` names the first that failed.
+    """
+    squeeze_q = squeeze_target(candidate, limits.squeeze_advance)
+    held = HeldObject(prepared, inverse_pose(candidate.T_object_hand), assigned_links(candidate.fingers))
+    holding = hold_in_gravities(settings, limits, [held], candidate.q, squeeze_q)
+    columns: dict[str, Any] = {
+        "squeeze_q": squeeze_q,
+        "open_q": None,
+        "approach_direction": None,
+        "gravity_drift": holding.drift[:, 0],
+        "gravity_rotation": holding.rotation[:, 0],
+        "gravity_in_contact": holding.in_contact[:, 0],
+        "contact_only_pass": contact_only(holding, len(limits.gravity_directions)),
+        "table_approach_push": None,
+        "table_drift": None,
+        "rejected_by": f"gravity:{holding.failed_direction}" if holding.failed_direction else "",
+    }
+    if columns["rejected_by"] and limits.early_rejection:
+        return columns
+    approach = choose_approach(
+        load_hand(),
+        prepared,
+        candidate.T_object_hand,
+        candidate.q,
+        candidate.style,
+        candidate.contact_candidates,
+        limits.pinch_opening if candidate.style == "pinch" else limits.side_opening,
+        lengths=[limits.approach_length],
+    )
+    columns |= {"open_q": approach.open_q, "approach_direction": approach.direction}
+    if approach.penetrations > 0:
+        columns["rejected_by"] = columns["rejected_by"] or "approach"
+    if not limits.table_test or (columns["rejected_by"] and limits.early_rejection):
+        return columns
+    pick = pick_from_support(
+        settings,
+        limits,
+        prepared,
+        candidate.T_object_hand,
+        candidate.q,
+        squeeze_q,
+        approach.open_q,
+        approach.direction,
+        approach.length,
+        held.assigned_links,
+    )
+    failure = pick.failure(limits)
+    columns |= {"table_approach_push": pick.push, "table_drift": pick.drift}
+    columns["rejected_by"] = columns["rejected_by"] or (f"table:{failure}" if failure else "")
+    return columns
+
+
+def contact_only(holding: Holding, directions: int) -> bool | None:
+    """Return the paper's verdict: some link presses at the end in all directions; None if it is not known."""
+    if not holding.any_contact.all():
+        return False
+    return True if len(holding.any_contact) == directions else None

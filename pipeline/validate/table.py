@@ -1,0 +1,67 @@
+"""Candidates of a table as arrays, and their rows after physics."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pipeline.compute.fan_out import fan_out
+from pipeline.records.objects import PreparedObject
+from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.parameters.validate import ValidateParameters
+from pipeline.records.poses import pose_matrix
+from pipeline.records.tables import CANDIDATES, VALIDATED
+from pipeline.validate.grasp_test import Candidate, check_candidate
+
+NOT_TESTED = "not_tested"
+
+
+def candidate_of(row: dict[str, Any]) -> Candidate:
+    """Return one row of the candidates' table as arrays."""
+    return Candidate(
+        style=row["style"],
+        fingers=tuple(row["fingers"].split("+")),
+        T_object_hand=pose_matrix(row["position_object_hand"], row["quaternion_object_hand"]),
+        q=np.asarray(row["q"], np.float64),
+        contact_candidates=np.asarray(row["contact_candidates"], np.int64),
+        contact_normals=np.stack(list(row["contact_normals"])).astype(np.float64),
+    )
+
+
+def validate_table(
+    candidates: pd.DataFrame,
+    prepared: PreparedObject,
+    settings: PhysicsParameters,
+    limits: ValidateParameters,
+    workers: int,
+    label: str,
+) -> pd.DataFrame:
+    """Return all rows in order of ``grasp_id`` with the columns of physics.
+
+    Rows that the synthesis rejected keep their reason; of the others the first ``limits.most_candidates`` are tested
+    and the rest are marked ``not_tested``.
+    """
+    rows = candidates.sort_values("grasp_id", kind="stable").reset_index(drop=True)
+    passed = [index for index in rows.index if rows.at[index, "rejected_by"] == ""]
+    tested, left = passed[: limits.most_candidates], passed[limits.most_candidates :]
+    work = partial(_check, prepared=prepared, settings=settings, limits=limits)
+    items = [candidate_of(rows.loc[index].to_dict()) for index in tested]
+    results = dict(zip(tested, fan_out(work, items, workers, label), strict=True))
+    rejected_by = rows["rejected_by"].tolist()
+    for index in left:
+        rejected_by[index] = NOT_TESTED
+    for index, columns in results.items():
+        rejected_by[index] = columns["rejected_by"]
+    rows["rejected_by"] = rejected_by
+    for name in VALIDATED.names[len(CANDIDATES.names) :]:
+        rows[name] = pd.Series([results[i][name] if i in results else None for i in rows.index], dtype=object)
+    return rows
+
+
+def _check(
+    candidate: Candidate, prepared: PreparedObject, settings: PhysicsParameters, limits: ValidateParameters
+) -> dict[str, Any]:
+    return check_candidate(prepared, candidate, settings, limits)

@@ -1,0 +1,1 @@
+"""What happens around the stages: composed scales, stray files, system libraries. No stage imports this."""

@@ -1,0 +1,85 @@
+"""Removes outputs of objects that `params.yaml` no longer names, and what killed stages left behind.
+
+DVC leaves the outputs of a removed object on disk. Stages that gather others' outputs read only the names listed in
+`params.yaml`, so such files never reach a result; but they would stay in the fingerprint of the gathered folder, and a
+fresh clone without them would do the gathering again. So they are removed before anything is gathered. All of them are
+still in DVC's cache: naming the object again brings them back.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import sys
+from pathlib import Path
+
+from pipeline.records.errors import UserError
+from pipeline.records.parameters import Parameters, read_parameters
+
+TEMPORARY = re.compile(r"\..+\.(\d+)\.tmp")  # see records.writing
+
+
+def stray_outputs(parameters: Parameters) -> list[Path]:
+    """Return outputs below ``data`` whose object is no longer named for them, sorted."""
+    styles = {"pinch": parameters.styles.pinch, "side": parameters.styles.side}
+    wanted = {Path("data/prepare"): list(parameters.objects)}
+    for stage in ("synthesize", "validate"):
+        wanted |= {Path("data") / stage / style: names for style, names in styles.items()}
+    wanted |= {folder: styles["pinch"] for folder in Path("data/evaluate").glob("*") if folder.is_dir()}
+    return sorted(
+        entry
+        for folder, names in wanted.items()
+        for entry in folder.glob("*")
+        if (entry.suffix == ".parquet" or folder.name == "prepare") and entry.stem not in names
+        if not entry.name.startswith(".")
+    )
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def abandoned_files() -> list[Path]:
+    """Return temporary files and folders of stages that were killed while writing, sorted."""
+    return sorted(
+        entry
+        for folder in (Path("data"), Path("models"), Path("reports"))
+        for entry in folder.rglob(".*.tmp")
+        if (match := TEMPORARY.fullmatch(entry.name)) and not _alive(int(match[1]))
+    )
+
+
+def prune(parameters: Parameters) -> list[Path]:
+    """Remove stray and abandoned outputs and return their paths."""
+    removed = stray_outputs(parameters) + abandoned_files()
+    for path in removed:
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+    return removed
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Command line of this module."""
+    parser = argparse.ArgumentParser(prog="python -m pipeline.workspace.prune", description=__doc__)
+    parser.parse_args(arguments)
+    try:
+        for path in prune(read_parameters()):
+            print(f"removed {path}: params.yaml no longer asks for it", file=sys.stderr)
+    except UserError as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

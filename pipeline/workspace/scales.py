@@ -1,0 +1,115 @@
+"""`params.yaml` composed from `conf/`: by DVC's own Hydra composition, and never over hand edits by accident.
+
+`conf/config.yaml` holds what all scales share, `conf/scale/<scale>.yaml` what differs. The composed file is committed,
+because DVC and the stages read it alone; it may be edited by hand at any time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from pipeline.records import paths
+from pipeline.records.errors import UserError
+from pipeline.records.parameters import read_parameters
+
+CONFIG_FOLDER = Path("conf")
+CONFIG_NAME = "config"
+
+
+def scales() -> list[str]:
+    """Return the names of the scales in ``conf/scale``."""
+    return sorted(path.stem for path in (CONFIG_FOLDER / "scale").glob("*.yaml"))
+
+
+def compose(scale: str, target: Path) -> None:
+    """Write the composed parameters of ``scale`` to ``target``, byte for byte as `dvc exp run -S scale=...` does.
+
+    Raises:
+        UserError: there is no such scale, or the composed values are refused by the typed models.
+    """
+    if scale not in scales():
+        raise UserError(f"there is no scale {scale!r} in {CONFIG_FOLDER}/scale; use one of {', '.join(scales())}.")
+    from dvc.utils.hydra import compose_and_dump
+
+    with tempfile.TemporaryDirectory() as folder:
+        composed = Path(folder) / "params.yaml"
+        compose_and_dump(composed, str(CONFIG_FOLDER.resolve()), None, CONFIG_NAME, "", [f"scale={scale}"])
+        read_parameters(composed)
+        target.write_bytes(composed.read_bytes())
+
+
+def flatten(content: Any, prefix: str = "") -> dict[str, Any]:
+    """Return nested dictionaries as one with dotted keys; lists are values."""
+    if not isinstance(content, dict) or not content:
+        return {prefix: content}
+    return {
+        key: value
+        for name, item in content.items()
+        for key, value in flatten(item, f"{prefix}.{name}" if prefix else str(name)).items()
+    }
+
+
+def differences(scale: str) -> list[str]:
+    """Return the dotted names of the values in which ``params.yaml`` differs from what ``conf/`` composes."""
+    with tempfile.TemporaryDirectory() as folder:
+        composed = Path(folder) / "params.yaml"
+        compose(scale, composed)
+        here, there = (flatten(yaml.safe_load(path.read_text())) for path in (paths.PARAMETERS_FILE, composed))
+    absent = object()
+    return sorted(name for name in here.keys() | there.keys() if here.get(name, absent) != there.get(name, absent))
+
+
+def _named(names: list[str]) -> str:
+    return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+
+
+def switch(scale: str, force: bool) -> str:
+    """Compose ``params.yaml`` for ``scale`` and return what to tell the user.
+
+    Raises:
+        UserError: ``params.yaml`` holds hand edits and ``force`` is not set.
+    """
+    if paths.PARAMETERS_FILE.exists() and not force:
+        present = read_parameters().scale
+        edited = differences(present)
+        if edited:
+            raise UserError(
+                f"params.yaml differs from the scale {present} of conf/ in {_named(edited)}; "
+                "add --force to overwrite it, or leave out --scale to use it as it is."
+            )
+    compose(scale, paths.PARAMETERS_FILE)
+    return f"scale {scale}, composed from conf/ into params.yaml"
+
+
+def describe() -> str:
+    """Return one line: which scale ``params.yaml`` holds and where it was edited by hand."""
+    scale = read_parameters().scale
+    edited = differences(scale)
+    return f"scale {scale}" + (f", edited in params.yaml: {_named(edited)}" if edited else "")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Command line of this module."""
+    parser = argparse.ArgumentParser(prog="python -m pipeline.workspace.scales", description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+    commands.add_parser("check", help="say which scale params.yaml holds and where it was edited")
+    composing = commands.add_parser("compose", help="write params.yaml from conf/")
+    composing.add_argument("scale")
+    composing.add_argument("--force", action="store_true", help="overwrite hand edits")
+    chosen = parser.parse_args(arguments)
+    try:
+        print(switch(chosen.scale, chosen.force) if chosen.command == "compose" else describe(), file=sys.stderr)
+    except UserError as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

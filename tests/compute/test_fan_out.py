@@ -1,0 +1,53 @@
+import os
+
+import pytest
+
+from pipeline.compute.fan_out import fan_out, worker_count
+from pipeline.records.seeds import item_generator
+
+
+def draw(index: int) -> list[float]:
+    return item_generator(1, "test", "cube", index).normal(size=3).tolist()
+
+
+def fail_on_three(index: int) -> int:
+    if index == 3:
+        raise LookupError("item three")
+    return index
+
+
+def threads_of_libraries(_: int) -> str:
+    return os.environ["OMP_NUM_THREADS"] + os.environ["OPENBLAS_NUM_THREADS"]
+
+
+def test_results_do_not_depend_on_the_number_of_workers():
+    items = list(range(12))
+    expected = [draw(item) for item in items]
+    assert fan_out(draw, items, workers=1, label="one") == expected
+    assert fan_out(draw, items, workers=2, label="two") == expected
+
+
+def test_no_items_give_no_results():
+    assert fan_out(draw, [], workers=2, label="none") == []
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_exception_keeps_its_type(workers):
+    with pytest.raises(LookupError, match="item three"):
+        fan_out(fail_on_three, list(range(6)), workers=workers, label="failing")
+
+
+def test_workers_compute_on_one_thread():
+    assert set(fan_out(threads_of_libraries, list(range(4)), workers=2, label="threads")) == {"11"}
+
+
+def test_zero_means_every_usable_core():
+    assert worker_count(0) == len(os.sched_getaffinity(0))
+    assert worker_count(7) == 7
+
+
+def test_progress_goes_to_stderr(capsys):
+    fan_out(draw, [1, 2], workers=1, label="drawing")
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert "drawing" in captured.err

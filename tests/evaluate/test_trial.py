@@ -1,0 +1,156 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.compute.fan_out import fan_out
+from pipeline.evaluate.grasps import accepted_grasps, grasp_orders
+from pipeline.evaluate.scene import build_scene, placed, placement_offsets
+from pipeline.evaluate.trial import RING, run_trial, trial_inputs
+from pipeline.hand.moves import finger_joints
+from pipeline.records.parameters.evaluate import EvaluateParameters
+from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.poses import inverse_pose, pose_matrix
+from pipeline.records.tables import TRIALS, read_table, write_table
+
+PINCH = finger_joints(["thumb", "index", "middle"])
+FAR = pose_matrix([0.0, 0.0, 1.5], [1.0, 0.0, 0.0, 0.0])  # an object 1.5 m away from the hand
+
+
+def same(one: dict[str, Any], other: dict[str, Any]) -> bool:
+    return all(np.array_equal(np.asarray(one[name]), np.asarray(other[name])) for name in TRIALS.names)
+
+
+@pytest.fixture(scope="module")
+def good_row(trial_input) -> dict[str, Any]:
+    return run_trial(trial_input())
+
+
+def test_a_good_grasp_lifts_and_keeps_both_objects(good_row: dict[str, Any]) -> None:
+    assert good_row["reason"] == "" and good_row["success"] and good_row["success_10cm"]
+    assert good_row["phase"] == "hold"
+    settings = EvaluateParameters()
+    assert min(good_row["height0"], good_row["height1"]) >= settings.success_height
+    # the second object was lifted by the commanded height, less the arm's sag
+    assert settings.lift_height - 0.01 < good_row["height1"] < settings.lift_height + 0.005
+
+
+def test_snapshots_show_the_sequence(good_row: dict[str, Any]) -> None:
+    phases = good_row["snapshot_phases"]
+    assert phases[0] == "settle" and phases[-1] == "hold" and len(set(phases)) == len(phases) == 12
+    heights0 = dict(zip(phases, [pose[2] for pose in good_row["snapshot_pose0"]], strict=True))
+    heights1 = dict(zip(phases, [pose[2] for pose in good_row["snapshot_pose1"]], strict=True))
+    assert heights0["settle"] == pytest.approx(0.1 + 0.021, abs=1e-3)
+    assert heights1["settle"] == pytest.approx(0.1 + 0.0525, abs=1e-3)
+    assert heights0["lift first"] - heights0["close first"] == pytest.approx(0.1, abs=0.01)
+    assert abs(heights1["close second"] - heights1["settle"]) < 0.005
+    assert all(len(q) == 23 for q in good_row["snapshot_robot_q"])
+
+
+def test_row_fits_the_table(good_row: dict[str, Any], tmp_path) -> None:
+    assert set(good_row) == set(TRIALS.names)
+    target = tmp_path / "cube.parquet"
+    write_table(target, pd.DataFrame([good_row], columns=TRIALS.names), TRIALS)
+    back = read_table(target, TRIALS, "evaluate").iloc[0]
+    assert back["merged_id"] == good_row["merged_id"] and back["height1"] == good_row["height1"]
+
+
+def test_trial_depends_on_its_inputs_alone(good_row: dict[str, Any], trial_input) -> None:
+    """Computed again, in other processes, after another trial: the same row to the last bit."""
+    rows = fan_out(run_trial, [trial_input(seed=8), trial_input()], workers=2, label="trials")
+    assert same(rows[1], good_row)
+    assert not same(rows[0], good_row)
+
+
+def test_slippery_objects_are_not_lifted(trial_input) -> None:
+    slippery = PhysicsParameters(object_friction=0.0, tip_static_friction=0.0, tip_dynamic_friction=0.0)
+    row = run_trial(trial_input(physics=slippery))
+    assert row["reason"] in ("first slip", "first lost in transit") and not row["success"]
+    assert row["height0"] < 0.05
+
+
+def test_pinch_that_does_not_close_slips(trial_input, grasp) -> None:
+    squeeze, q = grasp.squeeze_q.copy(), grasp.q.copy()
+    squeeze[PINCH] = q[PINCH] = grasp.open_q0[PINCH]
+    row = run_trial(trial_input(grasps=(replace(grasp, squeeze_q=squeeze, q=q),)))
+    assert (row["reason"], row["phase"]) == ("first slip", "lift first")
+    assert not row["success_10cm"]
+
+
+def test_ring_finger_that_does_not_close_slips(trial_input, grasp) -> None:
+    squeeze, q = grasp.squeeze_q.copy(), grasp.q.copy()
+    squeeze[RING] = q[RING] = grasp.open_q1[RING]
+    row = run_trial(trial_input(grasps=(replace(grasp, squeeze_q=squeeze, q=q),)))
+    assert (row["reason"], row["phase"]) == ("second slip", "lift second")
+    assert row["height0"] > 0.2 and row["height1"] < 0.05
+
+
+def test_hand_that_comes_closed_from_the_side_knocks_the_first_object(trial_input, grasp) -> None:
+    along = inverse_pose(grasp.T_hand_object0)[:3, 2] * [1, 1, 0]  # the hand's fingers, level
+    sideways = replace(grasp, open_q0=grasp.q, approach_direction0=along / np.linalg.norm(along))
+    row = run_trial(trial_input(grasps=(sideways,), settings=EvaluateParameters(entry_length=0.12)))
+    assert (row["reason"], row["phase"]) == ("collision on approach", "enter first")
+    assert row["merged_id"] == grasp.merged_id and not row["success_10cm"]
+
+
+@pytest.mark.parametrize(("field", "reason"), [("T_hand_object0", "plan first"), ("T_hand_object1", "plan second")])
+def test_unreachable_grasp_is_refused_before_anything_moves(trial_input, grasp, field: str, reason: str) -> None:
+    row = run_trial(trial_input(grasps=(replace(grasp, **{field: FAR}),) * 2))
+    assert (row["reason"], row["phase"], row["planning_attempts"]) == (reason, "settle", 2)
+    assert row["merged_id"] == -1 and abs(row["height0"]) < 1e-3
+
+
+def test_next_grasp_is_tried_when_the_first_cannot_be_planned(trial_input, grasp) -> None:
+    unreachable = replace(grasp, T_hand_object0=FAR, merged_id=99)
+    row = run_trial(trial_input(grasps=(unreachable, grasp)))
+    assert row["planning_attempts"] == 2 and row["merged_id"] == grasp.merged_id and row["success"]
+
+
+def test_no_grasp_at_all_is_a_planning_failure(trial_input) -> None:
+    row = run_trial(trial_input(grasps=()))
+    assert (row["reason"], row["planning_attempts"], row["merged_id"]) == ("plan first", 0, -1)
+
+
+def test_objects_stand_on_the_sponge_where_they_are_put(objects) -> None:
+    settings = EvaluateParameters(perturbation=0.01, yaw_perturbation=0.5)
+    offsets = placement_offsets(settings, np.random.default_rng(0))
+    assert np.all(np.abs(offsets) <= [0.01, 0.01, 0.5]) and np.abs(offsets).min() > 0
+    poses = placed(objects, settings, offsets)
+    np.testing.assert_allclose(poses[0][:3, 3], [0.5 + offsets[0, 0], -0.1 + offsets[0, 1], 0.1 + 0.021])
+    np.testing.assert_allclose(poses[1][:3, 3], [0.5 + offsets[1, 0], 0.1 + offsets[1, 1], 0.1 + 0.0525])
+    np.testing.assert_allclose(np.arctan2(poses[0][1, 0], poses[0][0, 0]), offsets[0, 2])
+    scene = build_scene(objects, settings, PhysicsParameters(), offsets)
+    scene.world.step(100)
+    for body, pose in zip(scene.objects, poses, strict=True):
+        assert np.linalg.norm(body.pose[:3, 3] - pose[:3, 3]) < 1e-3
+
+
+def test_first_choices_differ_while_there_are_enough_grasps() -> None:
+    orders = grasp_orders(40, 25, 4, np.random.default_rng(0))
+    assert len({int(order[0]) for order in orders}) == 25
+    assert all(len(order) == len(set(order.tolist())) == 4 for order in orders)
+    few = grasp_orders(3, 7, 4, np.random.default_rng(0))
+    assert all(sorted(order.tolist()) == [0, 1, 2] for order in few)
+    assert np.bincount([order[0] for order in few]).min() >= 2
+    assert [len(order) for order in grasp_orders(0, 2, 4, np.random.default_rng(0))] == [0, 0]
+
+
+def test_only_accepted_grasps_are_used(grasp_row) -> None:
+    table = pd.DataFrame(
+        [grasp_row | {"merged_id": i, "rejected_by": r} for i, r in ((5, ""), (2, "gravity"), (1, ""))]
+    )
+    assert [grasp.merged_id for grasp in accepted_grasps(table)] == [1, 5]
+
+
+def test_trial_seeds_depend_on_pair_and_number(objects, grasp) -> None:
+    def seeds(run_seed: int, trials: int, pair=objects) -> list[int]:
+        settings = EvaluateParameters(trials=trials)
+        inputs = trial_inputs("synthesized", pair, [grasp], settings, PhysicsParameters(), run_seed)
+        return [trial.seed for trial in inputs]
+
+    assert seeds(1, 3) == seeds(1, 5)[:3]
+    assert len(set(seeds(1, 5) + seeds(2, 5) + seeds(1, 5, (objects[1], objects[0])))) == 15

@@ -1,0 +1,84 @@
+import numpy as np
+import pytest
+
+from pipeline.physics.bodies import add_object, add_support
+from pipeline.physics.contacts import body_impulse
+from pipeline.physics.world import GRAVITY, make_world
+from pipeline.records.objects import PreparedObject
+from pipeline.records.parameters.physics import PhysicsParameters
+from tests.physics.shapes import prepared_box
+
+SETTINGS = PhysicsParameters()
+
+
+def shifted(x: float = 0, y: float = 0, z: float = 0) -> np.ndarray:
+    T = np.eye(4)
+    T[:3, 3] = x, y, z
+    return T
+
+
+@pytest.mark.parametrize("direction", [(0, 0, -1), (1, 0, 0), (0, -1, 0)])
+def test_free_fall_follows_gravity(cube: PreparedObject, direction: tuple[int, int, int]) -> None:
+    world = make_world(SETTINGS, GRAVITY * np.array(direction))
+    body = add_object(world, cube, SETTINGS, np.eye(4))
+    world.step(world.steps(0.5))
+    # n semi-implicit Euler steps: g h^2 n (n + 1) / 2
+    expected = GRAVITY * np.array(direction) * 0.5 * 0.5 * (0.5 + 1 / 200)
+    np.testing.assert_allclose(body.pose[:3, 3], expected, atol=1e-4)
+
+
+def test_resting_force_is_the_weight_of_the_prepared_mass(cube: PreparedObject) -> None:
+    world = make_world(SETTINGS)
+    support = add_support(world, SETTINGS, [0.2, 0.2, 0.01], shifted(z=-0.01), kinematic=False)
+    body = add_object(world, cube, SETTINGS, shifted(z=0.021))
+    world.step(40)
+    weight = 0.042**3 * 500 * GRAVITY
+    assert body_impulse(world, body, support)[2] * SETTINGS.frequency == pytest.approx(weight, rel=0.02)
+    assert body_impulse(world, support, body)[2] < 0
+    assert body.pose[2, 3] == pytest.approx(0.021, abs=2e-4)
+
+
+@pytest.mark.parametrize(("slope", "slides"), [(0.62, False), (0.78, True)])
+def test_sliding_threshold_is_the_average_friction(cube: PreparedObject, slope: float, slides: bool) -> None:
+    # object 0.9 and support 0.5 average to 0.7
+    angle = np.arctan(slope)
+    world = make_world(SETTINGS, GRAVITY * np.array([np.sin(angle), 0, -np.cos(angle)]))
+    add_support(world, SETTINGS, [0.5, 0.5, 0.01], shifted(z=-0.01))
+    body = add_object(world, cube, SETTINGS, shifted(z=0.021))
+    world.step(200)
+    assert (body.pose[0, 3] > 0.01) == slides
+
+
+def test_spin_about_principal_axes_uses_the_prepared_inertia() -> None:
+    box = prepared_box((0.02, 0.05, 0.11))
+    turn = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
+    tilted = np.array([[np.cos(0.3), -np.sin(0.3), 0], [np.sin(0.3), np.cos(0.3), 0], [0, 0, 1]]) @ turn
+    from dataclasses import replace
+
+    world = make_world(SETTINGS, np.zeros(3))
+    body = add_object(world, replace(box, inertia=tilted @ box.inertia @ tilted.T), SETTINGS, np.eye(4))
+    axes = np.eye(4)
+    from pipeline.physics.world import from_sapien
+
+    axes = from_sapien(body.component.cmass_local_pose)[:3, :3]
+    np.testing.assert_allclose(
+        axes @ np.diag(body.component.inertia) @ axes.T, tilted @ box.inertia @ tilted.T, atol=1e-9
+    )
+    assert body.component.mass == pytest.approx(box.mass)
+
+
+def test_kinematic_support_carries_what_stands_on_it(cube: PreparedObject) -> None:
+    world = make_world(SETTINGS)
+    support = add_support(world, SETTINGS, [0.1, 0.1, 0.01], shifted(z=-0.01))
+    body = add_object(world, cube, SETTINGS, shifted(z=0.021))
+    for step in range(200):
+        support.move_to(shifted(x=0.05 * (step + 1) / 200, z=-0.01))
+        world.step()
+    assert body.pose[0, 3] == pytest.approx(0.05, abs=1e-3)
+
+
+def test_fixed_object_stays(cube: PreparedObject) -> None:
+    world = make_world(SETTINGS)
+    body = add_object(world, cube, SETTINGS, shifted(z=0.5), fixed=True)
+    world.step(100)
+    np.testing.assert_allclose(body.pose, shifted(z=0.5), atol=1e-7)

@@ -1,0 +1,334 @@
+"""What a change makes DVC run: real DVC, real stages at scale tiny, one change per test."""
+
+from __future__ import annotations
+
+import copy
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import pyarrow.parquet as pq
+import pytest
+
+from pipeline.records.parameters import Parameters
+from tests.pipeline.conftest import WorkingCopy
+from tests.pipeline.declared import Stage, declared_stages
+
+pytestmark = pytest.mark.slow
+
+UP_TO_DATE = "Data and pipelines are up to date."
+
+
+def changed(workspace: WorkingCopy, dotted: str, value) -> None:
+    """Set one parameter of the workspace."""
+    content = workspace.parameters()
+    section = content
+    *parents, last = dotted.split(".")
+    for parent in parents:
+        section = section[parent]
+    assert section.get(last) != value
+    section[last] = value
+    workspace.write_parameters(content)
+
+
+def objects_in_tables(workspace: WorkingCopy) -> dict[str, set[str]]:
+    """Return, for every table of a gathering stage, the objects in its rows and in its name."""
+    found = {}
+    for folder in ("data/validate", "data/merge", "data/evaluate"):
+        for path in sorted((workspace / folder).rglob("*.parquet")):
+            table = pq.read_table(path)
+            names = {
+                name
+                for column in table.column_names
+                if column.startswith("object")
+                for name in table[column].to_pylist()
+            }
+            found[str(path.relative_to(workspace.root))] = names | set(path.stem.split("--"))
+    return found
+
+
+# --- the finished run itself
+
+
+def test_every_stage_ran_and_left_what_it_declares(finished):
+    for stage in declared_stages(finished.root):
+        for output in stage.outputs:
+            assert (finished / output).exists(), output
+    assert UP_TO_DATE in finished.dvc("status")
+
+
+def test_a_run_changes_only_records_in_git(finished):
+    listed = finished.git("show", "--name-only", "--format=", "HEAD").split()
+    assert set(listed) <= {
+        "dvc.lock",
+        "params.yaml",
+        "reports/summary.json",
+        "reports/tracking.json",
+        "reports/durations.json",
+    }
+    assert finished.git("status", "--porcelain") == ""
+
+
+def test_nothing_half_written_is_left(finished):
+    assert [path for folder in ("data", "reports") for path in (finished / folder).rglob("*.tmp")] == []
+
+
+def test_the_page_needs_no_network(finished):
+    text = (finished / "reports/index.html").read_text()
+    assert re.findall(r"""(?:src|href)=["']?(?:https?:)?//[^"'> ]+\.(?:js|css|png|jpg|woff2?)\b""", text) == []
+
+
+def test_headline_figures_are_in_the_summary(finished):
+    summary = json.loads((finished / "reports/summary.json").read_text())
+    assert summary["scale"] == "tiny"
+    assert {
+        "merge.grasps",
+        "merge.min_per_pair",
+        "validate.survival_rate_mean",
+        "evaluate.synthesized.trials",
+        "evaluate.synthesized.success_rate_mean",
+        "evaluate.synthesized.success_rate_min_pair",
+        "evaluate.synthesized.success_rate_mean_10cm",
+        "evaluate.synthesized.planning_failure_rate",
+        "validate.pinch.cube.optimised",
+        "validate.pinch.cube.validated",
+        "validate.pinch.cube.survival_rate",
+    } <= set(summary)
+    assert list(summary) == sorted(summary)
+    assert finished.recorded_runs() >= 2  # a parent run and its stages
+
+
+# --- changes
+
+
+def test_no_change_runs_nothing_and_records_nothing(workspace):
+    runs, before = workspace.recorded_runs(), workspace.fingerprints()
+    result = workspace.repro()
+    assert result.ran == [] and result.restored == []
+    assert UP_TO_DATE in result.output
+    assert workspace.recorded_runs() == runs
+    assert workspace.fingerprints() == before
+
+
+def test_a_pinch_parameter_runs_no_side_stage(workspace):
+    runs, before = workspace.recorded_runs(), workspace.fingerprints()
+    original = (workspace / "params.yaml").read_text()
+    changed(workspace, "synthesize.pinch.chains", 65)
+    ran = workspace.repro().ran
+    assert ran[:3] == ["synthesize-pinch@cube", "validate-pinch@cube", "merge"]
+    assert [name for name in ran if "side" in name or name.startswith("prepare")] == []
+    after = workspace.recorded_runs()
+    assert after > runs
+    # Back to the first value: everything is restored, nothing is computed, no run is added.
+    (workspace / "params.yaml").write_text(original)
+    result = workspace.repro()
+    assert result.ran == []
+    assert workspace.fingerprints() == before
+    assert workspace.recorded_runs() == after
+
+
+def test_workers_are_no_parameter_of_any_stage(workspace):
+    changed(workspace, "compute.workers", 1)
+    assert workspace.repro().ran == []
+
+
+@pytest.mark.parametrize(
+    ("room", "stages"),
+    [
+        ("prepare", ["prepare@cube", "prepare@slender_cylinder"]),
+        ("merge", ["merge"]),
+        ("evaluate", ["evaluate-synthesized@cube"]),
+        ("report", ["report"]),
+    ],
+)
+def test_a_comment_runs_its_stage_and_nothing_after_it(workspace, room, stages):
+    before, runs = workspace.fingerprints(), workspace.recorded_runs()
+    with (workspace / f"pipeline/{room}/__main__.py").open("a") as source:
+        source.write("# a comment\n")
+    assert workspace.repro().ran == stages
+    assert workspace.fingerprints() == before
+    assert workspace.recorded_runs() == runs
+
+
+def test_an_object_comes_and_goes(workspace):
+    before, tables = workspace.fingerprints(), objects_in_tables(workspace)
+    original = (workspace / "params.yaml").read_text()
+    content = workspace.parameters()
+    content["objects"]["small_box"] = {"recipe": "box", "extents": [0.04, 0.045, 0.042]}
+    content["styles"]["pinch"].append("small_box")
+    workspace.write_parameters(content)
+    ran = workspace.repro().ran
+    own = ["prepare@small_box", "synthesize-pinch@small_box", "validate-pinch@small_box"]
+    assert ran[:4] == [*own, "merge"]
+    later = ("evaluate-synthesized@", "report", "track")
+    assert [name for name in ran[4:] if not name.startswith(later)] == []
+    assert "evaluate-synthesized@small_box" in ran
+    with_box = objects_in_tables(workspace)
+    assert {path for path, names in with_box.items() if "small_box" in names} == {
+        "data/validate/pinch/small_box.parquet",
+        "data/merge/small_box--slender_cylinder.parquet",
+        "data/evaluate/synthesized/small_box.parquet",
+    }
+    assert with_box["data/validate/pinch/cube.parquet"] == tables["data/validate/pinch/cube.parquet"]
+    # Gone again: gathered anew without it, and nothing of it is left where others gather.
+    (workspace / "params.yaml").write_text(original)
+    gone = workspace.repro()
+    assert set(gone.ran) <= {"merge", "report"}, gone.output
+    assert objects_in_tables(workspace) == tables
+    assert "small_box" not in (workspace / "reports/summary.json").read_text()
+    assert "small_box" not in (workspace / "reports/index.html").read_text()
+    left = {name: value for name, value in workspace.fingerprints().items() if not name.startswith("data/synthesize")}
+    assert left == {name: value for name, value in before.items() if not name.startswith("data/synthesize")}
+    assert workspace.repro().ran == []
+    assert UP_TO_DATE in workspace.dvc("status")
+
+
+def test_a_stray_table_reaches_no_result(workspace):
+    before = workspace.fingerprints()
+    shutil.copy(workspace / "data/validate/pinch/cube.parquet", workspace / "data/validate/pinch/stranger.parquet")
+    assert set(workspace.repro().ran) <= {"merge", "report"}
+    assert workspace.fingerprints() == before
+
+
+def test_a_colleague_s_clone_computes_nothing(finished, workspace, tmp_path):
+    remote = tmp_path / "remote"
+    workspace.dvc("remote", "add", "--default", "shared", str(remote))
+    workspace.dvc("push")
+    workspace.commit("Name the remote")
+    clone = WorkingCopy(tmp_path / "clone")
+    subprocess.run(["git", "clone", "--quiet", str(workspace.root), str(clone.root)], check=True)
+    result = clone.repro("--pull")
+    assert result.ran == []
+    assert clone.fingerprints() == finished.fingerprints()
+    assert UP_TO_DATE in clone.dvc("status")
+
+
+# --- hermetic stages
+
+
+def perturbed(content: dict, declared: tuple[str, ...]) -> dict:
+    """Return valid parameters in which everything that ``declared`` does not name has another value where possible."""
+
+    def is_declared(path: str) -> bool:
+        return any(path == name or path.startswith(name + ".") for name in declared)
+
+    changed_content = copy.deepcopy(content)
+    changed_content["compute"]["workers"] = 1
+
+    def try_value(parent: dict, key: str, value) -> None:
+        old, parent[key] = parent[key], value
+        try:
+            Parameters.model_validate(changed_content)
+        except ValueError:
+            parent[key] = old
+
+    def visit(section: dict, path: str) -> None:
+        for key, value in section.items():
+            name = f"{path}.{key}" if path else key
+            if is_declared(name) or name.startswith(("compute", "objects")) and name != "objects":
+                continue
+            if isinstance(value, dict):
+                visit(value, name)
+            elif isinstance(value, bool):
+                try_value(section, key, not value)
+            elif isinstance(value, int):
+                try_value(section, key, value + 1)
+            elif isinstance(value, float):
+                try_value(section, key, value * 0.97)
+            elif isinstance(value, list):
+                try_value(section, key, [] if path == "styles" else value[::-1])
+
+    visit(changed_content, "")
+    return changed_content
+
+
+def stage_names() -> list[str]:
+    styles = {"pinch": "cube", "side": "slender_cylinder"}
+    names = [f"prepare@{name}" for name in styles.values()]
+    names += [f"{stage}-{style}@{name}" for stage in ("synthesize", "validate") for style, name in styles.items()]
+    return [*names, "merge", "evaluate-synthesized@cube", "report"]
+
+
+@pytest.mark.parametrize("name", stage_names())
+def test_a_stage_gives_the_same_bytes_from_its_declared_inputs_alone(finished, tmp_path, name):
+    """Only what `dvc.yaml` declares is there, every other parameter is different, and one worker does all."""
+    stage: Stage = next(stage for stage in declared_stages(finished.root) if stage.name == name)
+    alone = WorkingCopy(tmp_path)
+    for entry in stage.dependencies:
+        source, target = finished / entry, alone / entry
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if source.is_dir():
+            shutil.copytree(source, target, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(source, target)
+    alone.write_parameters(perturbed(finished.parameters(), stage.parameters))
+    done = alone.command(sys.executable, *stage.command.split()[1:])
+    assert done.returncode == 0, done.stderr
+    expected = {
+        path: value
+        for path, value in finished.fingerprints().items()
+        if any(path == output or path.startswith(output + "/") for output in stage.outputs)
+    }
+    made = alone.fingerprints(*{str(path).split("/")[0] for path in expected})
+    assert {path: made.get(path) for path in expected} == expected
+
+
+# --- things that go wrong
+
+
+def test_a_killed_stage_leaves_nothing_and_ends_with_the_same_bytes(finished, workspace, tmp_path):
+    target = workspace / "data/validate/side/slender_cylinder.parquet"
+    target.unlink()
+    workspace.forget("validate-side@slender_cylinder")  # so that it is computed, not restored
+    log = tmp_path / "log"
+    with log.open("w") as output:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "dvc", "repro", "validate-side@slender_cylinder"],
+            cwd=workspace.root,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+    deadline = time.monotonic() + 120
+    while process.poll() is None and time.monotonic() < deadline and not re.search(r"\| [1-9]\d*/", log.read_text()):
+        time.sleep(0.05)
+    assert process.poll() is None, log.read_text()
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    assert not target.exists()
+    result = workspace.repro()
+    assert result.ran == ["validate-side@slender_cylinder"]
+    assert workspace.fingerprints() == finished.fingerprints()
+
+
+def test_a_truncated_table_is_named_by_the_stage_and_mended_by_dvc(finished, workspace):
+    table = workspace / "data/validate/pinch/cube.parquet"
+    table.write_bytes(table.read_bytes()[:-100])
+    before = workspace.fingerprints("data/merge")
+    done = workspace.command(sys.executable, "-m", "pipeline.merge")
+    assert done.returncode == 2
+    assert done.stderr.splitlines() == [
+        "merge: data/validate/pinch/cube.parquet is damaged or not a parquet file; "
+        "delete it and run `dvc repro validate-pinch@cube` to make it again."
+    ]
+    assert workspace.fingerprints("data/merge") == before
+    assert workspace.repro().ran == []
+    assert workspace.fingerprints() == finished.fingerprints()
+
+
+def test_a_failing_stage_stops_the_pipeline_with_its_sentence(workspace):
+    content = workspace.parameters()
+    content["objects"]["mug"] = {"file": "data/raw/mug.stl"}
+    content["styles"]["pinch"].append("mug")
+    workspace.write_parameters(content)
+    result = workspace.repro(succeed=False)
+    assert result.ran == ["prepare@mug"]
+    assert "data/raw/mug.stl" in result.output
+    assert "Traceback" not in result.output
+    assert not (workspace / "data/prepare/mug").exists()

@@ -1,0 +1,121 @@
+"""`params.yaml` and `conf/`: composed, complete, and never overwritten by accident."""
+
+import shutil
+import sys
+
+import pytest
+import yaml
+from pydantic import BaseModel
+
+from pipeline.records.errors import UserError
+from pipeline.records.parameters import ObjectParameters, Parameters
+from pipeline.workspace import scales
+
+
+@pytest.fixture
+def project(repository, empty_folder):
+    shutil.copytree(repository / "conf", "conf")
+    shutil.copy(repository / "params.yaml", "params.yaml")
+    return empty_folder
+
+
+def edit(folder, value):
+    path = folder / "params.yaml"
+    content = yaml.safe_load(path.read_text())
+    content["synthesize"]["pinch"]["chains"] = value
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+
+
+def test_committed_parameters_are_the_composed_demo(repository, project):
+    scales.compose("demo", project / "composed.yaml")
+    committed = (repository / "params.yaml").read_bytes()
+    assert (project / "composed.yaml").read_bytes() == committed, "run `./dev compose demo --force` and commit"
+
+
+def test_dvc_itself_composes_the_same(fresh):
+    """`dvc exp run -S scale=...` must not disagree with `./dev compose`."""
+    (fresh / "dvc.yaml").write_text("stages:\n  look:\n    cmd: cp params.yaml seen.yaml\n    outs: [seen.yaml]\n")
+    fresh.commit("One stage")
+    fresh.dvc("exp", "run", "--set-param", "scale=tiny")
+    by_dvc = yaml.safe_load((fresh / "params.yaml").read_text())
+    composed = fresh.command(sys.executable, "-m", "pipeline.workspace.scales", "compose", "tiny", "--force")
+    assert composed.returncode == 0, composed.stderr
+    assert yaml.safe_load((fresh / "params.yaml").read_text()) == by_dvc
+
+
+@pytest.mark.parametrize("scale", ["demo", "paper", "tiny"])
+def test_every_scale_is_valid_and_states_every_value(project, scale):
+    scales.compose(scale, project / "params.yaml")
+    content = yaml.safe_load((project / "params.yaml").read_text())
+    assert content["scale"] == scale
+    assert missing(Parameters, content) == []
+
+
+def missing(model: type[BaseModel], content: dict, where: str = "") -> list[str]:
+    """Fields of ``model`` that ``content`` leaves to a default; of an object, only those that apply to it count."""
+    found = []
+    for name, field in model.model_fields.items():
+        key = field.alias or name
+        if key not in content:
+            if model is not ObjectParameters or field.default is not None and key != "unit":
+                found.append(where + key)
+        elif isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+            found += missing(field.annotation, content[key], f"{where}{key}.")
+        elif key == "objects":
+            for item, values in content[key].items():
+                found += missing(ObjectParameters, values, f"objects.{item}.")
+    return found
+
+
+def test_tiny_covers_both_styles(project):
+    scales.compose("tiny", project / "params.yaml")
+    styles = yaml.safe_load((project / "params.yaml").read_text())["styles"]
+    assert len(styles["pinch"]) == len(styles["side"]) == 1
+
+
+def test_scale_is_said_with_hand_edits(project):
+    assert scales.describe() == "scale demo"
+    edit(project, 7)
+    assert scales.describe() == "scale demo, edited in params.yaml: synthesize.pinch.chains"
+
+
+def test_hand_edits_are_not_overwritten_without_force(project, capsys):
+    edit(project, 7)
+    before = (project / "params.yaml").read_bytes()
+    assert scales.main(["compose", "paper"]) == 2
+    said = capsys.readouterr().err
+    assert "synthesize.pinch.chains" in said and "--force" in said and said.count("\n") == 1
+    assert (project / "params.yaml").read_bytes() == before
+    assert scales.main(["compose", "paper", "--force"]) == 0
+    assert yaml.safe_load((project / "params.yaml").read_text())["scale"] == "paper"
+
+
+def test_switching_there_and_back_gives_the_same_bytes(project):
+    before = (project / "params.yaml").read_bytes()
+    scales.switch("paper", force=False)
+    assert (project / "params.yaml").read_bytes() != before
+    scales.switch("demo", force=False)
+    assert (project / "params.yaml").read_bytes() == before
+
+
+def test_an_unknown_scale_is_answered_with_the_known_ones(project):
+    with pytest.raises(UserError, match="no scale 'huge' .* use one of demo, paper, tiny"):
+        scales.switch("huge", force=False)
+
+
+def test_a_wrong_value_in_conf_does_not_reach_params(project):
+    path = project / "conf/scale/paper.yaml"
+    path.write_text(path.read_text() + "\nseed: -3\n")
+    before = (project / "params.yaml").read_bytes()
+    with pytest.raises(UserError, match="seed"):
+        scales.switch("paper", force=False)
+    assert (project / "params.yaml").read_bytes() == before
+
+
+def test_differences_see_removed_and_added_objects(project):
+    content = yaml.safe_load((project / "params.yaml").read_text())
+    content["styles"]["pinch"] = ["cube"]
+    del content["objects"]["plum"]
+    (project / "params.yaml").write_text(yaml.safe_dump(content))
+    named = scales.differences("demo")
+    assert "styles.pinch" in named and "objects.plum.ycb" in named

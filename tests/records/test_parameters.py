@@ -1,0 +1,130 @@
+import copy
+
+import pytest
+import yaml
+from pydantic import BaseModel
+
+from pipeline.records.errors import UserError
+from pipeline.records.parameters import Parameters, load_parameters, read_parameters
+
+
+@pytest.fixture
+def content(repository):
+    return yaml.safe_load((repository / "params.yaml").read_text())
+
+
+@pytest.fixture
+def check(tmp_path):
+    """Write a changed params.yaml and return the error that reading it raises."""
+
+    def read(changed) -> str:
+        source = tmp_path / "params.yaml"
+        source.write_text(yaml.safe_dump(changed, sort_keys=False))
+        with pytest.raises(UserError) as caught:
+            read_parameters(source)
+        text = str(caught.value)
+        assert "\n" not in text and str(source) in text
+        return text
+
+    return read
+
+
+def with_value(content, path, value):
+    changed = copy.deepcopy(content)
+    *folders, last = path.split(".")
+    section = changed
+    for folder in folders:
+        section = section[folder]
+    section[last] = value
+    return changed
+
+
+def test_the_committed_file_is_valid(repository):
+    assert read_parameters(repository / "params.yaml").scale == "demo"
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "words"),
+    [
+        ("synthesize.pinch.chains", 0, "synthesize.pinch.chains: Input should be greater than or equal to 1"),
+        ("synthesize.pinch.chains", "many", "synthesize.pinch.chains: Input should be a valid integer"),
+        ("synthesize.pinch.chain", 9, "synthesize.pinch.chain: unknown parameter (misspelt?)"),
+        ("physics.object_friction", float("nan"), "physics.object_friction"),
+        ("evaluatee", {}, "evaluatee: unknown parameter (misspelt?)"),
+        ("seed", -1, "seed: Input should be greater"),
+        ("styles.pinch", ["cube", "dragon"], "styles.pinch names the unknown object 'dragon'; add it to objects"),
+        ("styles.pinch", ["cube", "cube"], "styles.pinch names an object twice"),
+        ("objects.cube.ycb", "018_plum", "objects.cube: name exactly one of ycb, recipe, file"),
+        ("objects.cube.extents", None, "objects.cube: extents belong to a recipe"),
+        ("objects.cube.extents", [0.1, 0.1, -0.1], "objects.cube: extents must be positive"),
+        ("objects.Cube", {"recipe": "box", "extents": [1, 1, 1]}, "object name 'Cube': use small letters"),
+        ("validate.gravity_directions", ["down"], "validate.gravity_directions.0"),
+    ],
+)
+def test_a_wrong_value_is_named_in_one_sentence(content, check, path, value, words):
+    assert words in check(with_value(content, path, value))
+
+
+def test_a_missing_section_is_named(content, check):
+    del content["physics"]
+    assert "physics: Field required" in check(content)
+
+
+def test_several_mistakes_are_counted(content, check):
+    changed = with_value(with_value(content, "seed", -1), "report.picture_width", 1)
+    assert "(1 more)" in check(changed)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"), [("a: [1", "not valid YAML"), ("", "holds no parameters"), ("- 1", "holds no parameters")]
+)
+def test_a_damaged_file_is_one_sentence(tmp_path, text, words):
+    source = tmp_path / "params.yaml"
+    source.write_text(text)
+    with pytest.raises(UserError, match=words) as caught:
+        read_parameters(source)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_file_is_one_sentence(tmp_path):
+    with pytest.raises(UserError, match="is missing; run in the repository's root"):
+        read_parameters(tmp_path / "params.yaml")
+
+
+def test_only_the_sections_asked_for_are_given(repository):
+    sections = load_parameters(["seed", "objects.cube", "synthesize.pinch", "validate"], repository / "params.yaml")
+    assert sorted(sections) == ["objects.cube", "seed", "synthesize.pinch", "validate"]
+    assert sections["objects.cube"].recipe == "box"
+    assert sections["validate"].gravity_seconds == 2.5
+
+
+def test_an_unknown_object_is_answered_with_the_known_ones(repository):
+    with pytest.raises(UserError, match="there is no object 'dragon'; add it .* or use one of cube, plum"):
+        load_parameters(["objects.dragon"], repository / "params.yaml")
+
+
+def test_values_are_read_only(repository):
+    with pytest.raises(ValueError, match="frozen"):
+        read_parameters(repository / "params.yaml").seed = 2
+
+
+def sections_of(model: type[BaseModel]) -> list[type[BaseModel]]:
+    found = [model]
+    for field in model.model_fields.values():
+        kinds = [field.annotation, *getattr(field.annotation, "__args__", ())]
+        for kind in kinds:
+            if isinstance(kind, type) and issubclass(kind, BaseModel):
+                found += sections_of(kind)
+    return found
+
+
+def test_every_field_is_documented():
+    undocumented = [
+        f"{model.__name__}.{name}"
+        for model in sections_of(Parameters)
+        for name, field in model.model_fields.items()
+        if not field.description
+        and not (isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel))
+        and name != "objects"
+    ]
+    assert undocumented == []
