@@ -20,7 +20,7 @@ def sections() -> list[str]:
 def work() -> None:
     """Read every table, count, draw, and write the page, the figures and the summary."""
     parameters = load_parameters(sections())
-    from pipeline.report.drawing import draw_views
+    from pipeline.report.drawing import draw_views, load_objects
     from pipeline.report.figure_files import heat_map_picture, strip_picture
     from pipeline.report.page import PageContent, build_page
     from pipeline.report.rates import pair_merge, pair_trials, single_grasp_funnel
@@ -40,7 +40,7 @@ def work() -> None:
         for source in SOURCES
     }
     summary = summarize(parameters["scale"], funnels, merges, trials)
-    views, shapes = draw_views(tables, parameters["report"])
+    views, shapes = draw_views(tables, load_objects(tables), parameters["report"], evaluate)
     content = PageContent(
         summary=summary,
         funnels=funnels,

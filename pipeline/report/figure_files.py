@@ -9,7 +9,7 @@ from pipeline.report.charts import ink_on, percent, scale_colour
 from pipeline.report.page import Strip
 from pipeline.report.rates import PairTrials
 
-MOST_COLUMNS = 5  # pictures in one row of a strip
+MOST_COLUMNS = 6  # pictures in one row of a strip
 
 
 def heat_map_picture(pairs: Sequence[PairTrials]) -> bytes:
@@ -58,11 +58,6 @@ def strip_picture(strip: Strip) -> bytes:
         x, y = index % columns * width, index // columns * (height + caption)
         sheet.paste(tile, (x, y))
         draw.text((x + width / 2, y + height + caption / 2), text, fill="#222222", font=font, anchor="mm")
-    return jpeg(sheet)
-
-
-def jpeg(image: object) -> bytes:
-    """Return a PIL image as JPEG."""
     buffer = io.BytesIO()
-    image.save(buffer, format="JPEG", quality=85)  # type: ignore[attr-defined]
+    sheet.save(buffer, format="JPEG", quality=85)
     return buffer.getvalue()

@@ -36,12 +36,12 @@ def test_trials_of_other_pairs_are_left_out():
             "object1": ["can", "can", "can", "can", "box"],
             "success": [True, False, False, False, True],
             "success_10cm": [True, True, False, False, True],
-            "reason": ["", "dropped_in_hold", "no_plan_second", "no_plan_second", ""],
+            "reason": ["", "dropped in hold", "plan second", "plan second", ""],
         }
     )
     pair = pair_trials("cube", "can", trials)
     assert (pair.trials, pair.successes, pair.successes_10cm, pair.planning_failures) == (4, 1, 2, 2)
-    assert pair.reasons == {"dropped_in_hold": 1, "no_plan_second": 2}
+    assert pair.reasons == {"dropped in hold": 1, "plan second": 2}
 
 
 def test_nothing_gives_rate_zero():

@@ -13,7 +13,7 @@ class ReportParameters(Section):
     picture_width: int = Field(400, ge=64, le=1920, description="Pixels of every picture of a trial or grasp.")
     picture_height: int = Field(300, ge=64, le=1080, description="Pixels of every picture of a trial or grasp.")
     pictures_per_trial: int = Field(
-        10, ge=2, le=40, description="Most moments shown of a trial, spread evenly over its phases."
+        12, ge=2, le=40, description="Most moments shown of a trial, spread evenly over its phases."
     )
 
 
