@@ -26,10 +26,13 @@ def digest(content: Any) -> str:
 
 
 def flatten(content: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return nested mappings as one with dotted keys; lists become JSON text, values that are None are left out."""
+    """Return nested mappings as one with dotted keys; lists become JSON text, values that are None are left out.
+
+    MLflow refuses `+` in names, so that ``contacts.thumb+index`` becomes ``contacts.thumb-index``.
+    """
     flat: dict[str, Any] = {}
     for key, value in content.items():
-        name = f"{prefix}{key}"
+        name = f"{prefix}{key}".replace("+", "-")
         if isinstance(value, Mapping):
             flat |= flatten(value, f"{name}.")
         elif isinstance(value, list | tuple):
@@ -39,9 +42,11 @@ def flatten(content: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
-def stage_names(styles: Mapping[str, Iterable[str]], objects: Iterable[str], sources: Iterable[str]) -> list[str]:
+def stage_names(
+    styles: Mapping[str, Iterable[str]], objects: Iterable[str], meshes: Iterable[str], sources: Iterable[str]
+) -> list[str]:
     """Return the DVC names of all stages before ``track`` in order; ``dvc.lock`` also keeps stages that are gone."""
-    names = [f"prepare@{name}" for name in objects]
+    names = [f"prepare@{name}" for name in objects] + [f"prepare-mesh@{name}" for name in meshes]
     for stage in ("synthesize", "validate"):
         names += [f"{stage}-{style}@{name}" for style, members in styles.items() for name in members]
     names.append("merge")
