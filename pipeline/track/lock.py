@@ -26,10 +26,13 @@ def digest(content: Any) -> str:
 
 
 def flatten(content: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return nested mappings as one with dotted keys; lists become JSON text, values that are None are left out."""
+    """Return nested mappings as one with dotted keys; lists become JSON text, values that are None are left out.
+
+    ``+`` in a key (thumb+index) becomes ``-``, because MLflow takes no ``+`` in names.
+    """
     flat: dict[str, Any] = {}
     for key, value in content.items():
-        name = f"{prefix}{key}"
+        name = f"{prefix}{key}".replace("+", "-")
         if isinstance(value, Mapping):
             flat |= flatten(value, f"{name}.")
         elif isinstance(value, list | tuple):
