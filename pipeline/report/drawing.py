@@ -36,7 +36,7 @@ from pipeline.report.tables import SOURCES, Tables
 # Where the evaluation puts its sponge, in the world frame (the robot's base): only the look of pictures depends on it.
 SPONGE_X, SPONGE_SIZE = 0.5, 0.4  # m
 SPONGE_COLOUR = (0.58, 0.62, 0.54)
-CAMERA_POSITION, CAMERA_TARGET, CAMERA_DEGREES = (1.55, -0.62, 0.70), (0.46, 0.0, 0.26), 31.0
+CAMERA_POSITION, CAMERA_TARGET, CAMERA_DEGREES = (1.55, -0.62, 0.70), (0.46, 0.0, 0.28), 27.0
 GRASP_AZIMUTH, GRASP_ELEVATION = 29.0, 13.0  # degrees; as the first view in ``viewer.js``
 POSTER_SIZE = (400, 400)  # pixels
 HAND_LIGHTENING = 0.3  # the interactive view has no fill light: dark links would be black
