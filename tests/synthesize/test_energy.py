@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.hand.allegro import load_hand
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
-from pipeline.synthesize.energy import EnergyScene, Grasps, block_order, contact_shares, contact_slots
+from pipeline.synthesize.energy import EnergyScene, Grasps
 from tests.synthesize import shapes
 from tests.synthesize.energy_oracle import EnergyOracle
 
