@@ -50,7 +50,7 @@ def test_second_approach_sees_the_held_object() -> None:
     # Object 0 hangs in front of the palm, on the side of the hand from which object 1 must come.
     T = clear.T_hand_object1.copy()
     T[0, 3] += 0.0285 + 0.021 + 0.003
-    blocked = replace(clear, T_hand_object0=T)
+    blocked = replace(clear, T_hand_held0=T)
     assert second_approach(blocked, box(), cylinder(), 0.03, LENGTHS, 0.001).penetrations > 0
 
 
@@ -77,4 +77,4 @@ def test_ring_that_would_close_through_object_0_is_seen() -> None:
     tip = link_poses(load_hand(), q[None])[0, load_hand().link("link_11.0_tip"), :3, 3]
     T = np.eye(4)
     T[:3, 3] = tip
-    assert ring_motion_clearance(replace(grasp, T_hand_object0=T), open_q, box(), cylinder()) < -0.005
+    assert ring_motion_clearance(replace(grasp, T_hand_held0=T), open_q, box(), cylinder()) < -0.005

@@ -39,7 +39,7 @@ def merged(**changes):
 @pytest.mark.parametrize("gap", [0.013, 0.002, -0.004])
 def test_object_clearance_of_two_boxes_is_their_gap(gap: float) -> None:
     side_length = float(box().extents[0])
-    grasp = merged(T_hand_object0=at(), T_hand_object1=at(x=side_length + gap))
+    grasp = merged(T_hand_held0=at(), T_hand_object1=at(x=side_length + gap))
     assert object_clearance(grasp, box(), box()) == pytest.approx(gap, abs=2e-4)
 
 
@@ -81,7 +81,7 @@ def test_object_1_in_the_thumb_base_is_seen() -> None:
 
 def test_object_0_in_the_ring_finger_is_seen() -> None:
     tip = link_poses(HAND, side().q[None])[0, HAND.link("link_11.0_tip"), :3, 3]
-    assert hand_clearance(merged(T_hand_object0=at(*tip)), box(), cylinder()) < -0.01
+    assert hand_clearance(merged(T_hand_held0=at(*tip)), box(), cylinder()) < -0.01
 
 
 def test_crossed_ring_and_middle_fingers_are_seen() -> None:
@@ -118,7 +118,7 @@ def test_support_height_is_that_of_the_lowest_link() -> None:
 
 
 def test_held_object_height_is_measured_over_the_second_objects_plane() -> None:
-    grasp = merged(T_hand_object0=join(pinch(), side()).T_hand_object1)  # object 0 where object 1 is
+    grasp = merged(T_hand_held0=join(pinch(), side()).T_hand_object1)  # object 0 where object 1 is
     assert held_object_height(grasp, cylinder(), cylinder()) == pytest.approx(0.0, abs=1e-9)
 
 

@@ -100,18 +100,18 @@ def test_a_style_that_names_an_unknown_object_stops_every_stage(sandbox):
 
 def test_a_missing_mesh_file_is_named(sandbox):
     content = sandbox.parameters()
-    content["objects"]["mug"] = {"file": "data/raw/mug.stl"}
+    content["meshes"]["mug"] = {"file": "data/raw/mug.stl"}
     sandbox.write_parameters(content)
-    assert_one_sentence(run(sandbox, "prepare", "--object", "mug"), "data/raw/mug.stl")
+    assert_one_sentence(run(sandbox, "prepare", "--mesh", "mug"), "data/raw/mug.stl")
     assert not (sandbox / "data/prepare").exists()
 
 
 def test_a_file_that_is_no_mesh_is_named(sandbox):
     content = sandbox.parameters()
-    content["objects"]["mug"] = {"file": "data/raw/mug.stl"}
+    content["meshes"]["mug"] = {"file": "data/raw/mug.stl"}
     sandbox.write_parameters(content)
     (sandbox / "data/raw/mug.stl").write_text("this is no mesh")
-    assert_one_sentence(run(sandbox, "prepare", "--object", "mug"), "data/raw/mug.stl")
+    assert_one_sentence(run(sandbox, "prepare", "--mesh", "mug"), "data/raw/mug.stl")
     assert list((sandbox / "data/prepare").glob("*")) == []
 
 
