@@ -1,4 +1,4 @@
-"""Ray-cast pictures of coloured bodies: smooth shading, one key light with a soft shadow, ambient light, a pale floor."""
+"""Ray-cast pictures of coloured bodies: smooth shading, a key light with a soft shadow, ambient light, a pale floor."""
 
 from __future__ import annotations
 
@@ -171,8 +171,9 @@ def _light_directions(camera: Camera, width: int, height: int, subsample: int) -
     over = np.cross(side, key / np.linalg.norm(key))
     tile = np.arange(LIGHT_TILE**2).reshape(LIGHT_TILE, LIGHT_TILE)
     # 7 is coprime to the tile's 16 pixels: neighbours get points far apart on the spiral.
-    number = (tile * 7) % LIGHT_TILE**2 * len(SUBSAMPLES) + subsample
-    number = np.tile(number, (height // LIGHT_TILE + 1, width // LIGHT_TILE + 1))[:height, :width].ravel()
+    numbers = (tile * 7) % LIGHT_TILE**2 * len(SUBSAMPLES) + subsample
+    tiled = np.tile(numbers, (height // LIGHT_TILE + 1, width // LIGHT_TILE + 1))
+    number = tiled[:height, :width].reshape(-1)
     radius = LIGHT_SPREAD * np.sqrt((number + 0.5) / (LIGHT_TILE**2 * len(SUBSAMPLES)))
     angle = number * np.pi * (3 - np.sqrt(5))
     light = key + (radius * np.cos(angle))[:, None] * side + (radius * np.sin(angle))[:, None] * over
