@@ -54,7 +54,7 @@ def test_the_committed_file_is_valid(repository):
         ("seed", -1, "seed: Input should be greater"),
         ("styles.pinch", ["cube", "dragon"], "styles.pinch names the unknown object 'dragon'; add it to objects"),
         ("styles.pinch", ["cube", "cube"], "styles.pinch names an object twice"),
-        ("objects.cube.ycb", "018_plum", "objects.cube: name exactly one of ycb, recipe, file"),
+        ("objects.cube.ycb", "018_plum", "objects.cube: name exactly one of ycb, recipe"),
         ("objects.cube.extents", None, "objects.cube: extents belong to a recipe"),
         ("objects.cube.extents", [0.1, 0.1, -0.1], "objects.cube: extents must be positive"),
         ("objects.Cube", {"recipe": "box", "extents": [1, 1, 1]}, "object name 'Cube': use small letters"),
@@ -99,7 +99,9 @@ def test_only_the_sections_asked_for_are_given(repository):
 
 
 def test_an_unknown_object_is_answered_with_the_known_ones(repository):
-    with pytest.raises(UserError, match="there is no object 'dragon'; add it .* or use one of cube, plum"):
+    with pytest.raises(
+        UserError, match="there is no object 'dragon' under `objects`; add it there, or use one of cube, plum"
+    ):
         load_parameters(["objects.dragon"], repository / "params.yaml")
 
 
