@@ -27,7 +27,8 @@ HORIZONTAL_TURNS = np.deg2rad([0, 15, -15, 30, -30, 45, -45, 60, -60])
 PINCH_TILTS = (0.0, 0.25, 0.5, 1.0)  # shares of the way from the hand-object line to straight up
 OPENING_SHARES = (1.0, 0.7, 0.4)  # smaller openings are tried when the full one is swept
 STATION_STEP = 0.005  # m between the stations of a sweep
-ENOUGH_CLEARANCE = 0.004  # m; more does not make a choice better
+ENOUGH_CLEARANCE = 0.005  # m; more does not make a choice better
+FINAL_STRETCH = 0.01  # m before the grasp where palm and resting fingers may be near: they touch at its end
 HAND_POINTS = 500
 MOUNT_POINTS = 100
 CARRIED_POINTS = 512
@@ -41,7 +42,7 @@ class Approach:
     direction: NDArray[np.float64]  # (3,) unit, object frame, from the grasp towards where the hand comes from
     length: float  # m
     penetrations: int  # swept sample points that enter the object or the support plane
-    clearance: float  # m, smallest distance of the opened fingers to the object on the way
+    clearance: float  # m, smallest distance to the object on the way, of all points but those that touch at its end
 
 
 def choose_approach(
@@ -87,6 +88,8 @@ def choose_approach(
                 rank = (penetrations, -round(min(clearance, ENOUGH_CLEARANCE), 4))
                 if best is None or rank < best[0]:
                     best = rank, Approach(open_q, direction, float(length), penetrations, clearance)
+                if rank == (0, -ENOUGH_CLEARANCE):
+                    return best[1]  # nothing later can be better
         if best is not None and best[1].penetrations == 0:
             break
     assert best is not None
@@ -171,7 +174,7 @@ def _sweep(
     length: float,
     tolerance: float,
 ) -> tuple[int, float]:
-    """Return how many ``points`` (n, 3), object frame at the grasp, touch on the way, and the opening clearance, m."""
+    """Return how many ``points`` (n, 3), object frame at the grasp, touch on the way, and the clearance, m."""
     stations = np.linspace(0.0, length, max(2, round(length / STATION_STEP) + 1))
     swept = points[:, None] + stations[:, None] * direction  # (n, stations, 3)
     touches: NDArray[np.bool_] = np.asarray((swept[..., 2] < prepared.bottom - tolerance).any(axis=1))
@@ -180,8 +183,8 @@ def _sweep(
     near = ((swept > low) & (swept < high)).all(-1)
     if not near.any():
         return int(touches.sum()), ENOUGH_CLEARANCE
-    owner = np.nonzero(near)[0]
+    owner, station = np.nonzero(near)
     distance = signed_distance(prepared, swept[near])
     touches[owner[distance < -tolerance]] = True
-    clearance = float(distance[is_opening[owner]].min(initial=ENOUGH_CLEARANCE))
-    return int(touches.sum()), clearance
+    judged = is_opening[owner] | (stations[station] >= FINAL_STRETCH)
+    return int(touches.sum()), float(distance[judged].min(initial=ENOUGH_CLEARANCE))

@@ -7,6 +7,7 @@ object occupies are looked after.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,25 +79,28 @@ def second_approach(
 ) -> Approach:
     """Choose the opening of the ring finger and the straight line to object 1, with object 0 in the squeezing fingers.
 
+    The ``open_q`` of the result holds targets: pinching fingers squeeze.
+
     Args:
         opening: first choice of how far the ring's contact points move away, m.
         lengths: m, candidates for the length of the line; the first one that touches nothing is taken.
         tolerance: m, depth below which nothing counts as touching.
     """
-    start = grasp.squeeze_q.copy()
-    start[RING_JOINTS] = grasp.q[RING_JOINTS]
-    return choose_approach(
+    approach = choose_approach(
         load_hand(),
         object1,
         grasp.second.T_object_hand,
-        start,
+        grasp.held_q,
         "side",
         grasp.second.contact_candidates,
         opening,
         lengths,
-        carried=[(object0, grasp.T_hand_object0)],
+        carried=[(object0, grasp.T_hand_held0)],
         tolerance=tolerance,
     )
+    targets = grasp.squeeze_q.copy()
+    targets[RING_JOINTS] = approach.open_q[RING_JOINTS]
+    return replace(approach, open_q=targets)
 
 
 def ring_motion_clearance(
@@ -109,10 +113,10 @@ def ring_motion_clearance(
     links = links_of(load_hand(), RING_LINKS)
     clearances = []
     for share in PATH_SHARES:
-        q = grasp.q.copy()
+        q = grasp.held_q.copy()
         q[RING_JOINTS] += share * (open_q[RING_JOINTS] - q[RING_JOINTS])
         clearances += [
-            hand_object_clearance(q, links, object0, grasp.T_hand_object0),
+            hand_object_clearance(q, links, object0, grasp.T_hand_held0),
             support_height(q, grasp.second.T_object_hand, object1.bottom, links),
             self_clearance(q),
         ]

@@ -16,6 +16,7 @@ from pipeline.records.objects import PreparedObject
 from pipeline.records.poses import inverse_pose, transform_points
 
 HAND_POINTS = 2000  # about 5 mm apart
+PALM_SIDE_BASES = ("link_0.0", "link_4.0", "link_8.0")
 FAR = 1.0  # m, the distance to nothing at all
 
 
@@ -54,7 +55,7 @@ def distance_to_links(
 
 def object_clearance(grasp: MergedGrasp, object0: PreparedObject, object1: PreparedObject) -> float:
     """Return the smallest signed distance between the two objects, m: surface points of each to the other."""
-    T_0_1 = inverse_pose(grasp.T_hand_object0) @ grasp.T_hand_object1
+    T_0_1 = inverse_pose(grasp.T_hand_held0) @ grasp.T_hand_object1
     points1_in_0 = transform_points(T_0_1, object1.surface_points)
     points0_in_1 = transform_points(inverse_pose(T_0_1), object0.surface_points)
     return float(min(signed_distance(object0, points1_in_0).min(), signed_distance(object1, points0_in_1).min()))
@@ -80,18 +81,26 @@ def hand_object_clearance(
 
 
 def hand_clearance(grasp: MergedGrasp, object0: PreparedObject, object1: PreparedObject) -> float:
-    """Return the smallest signed distance, m, of an object to links that do not hold it; palm and thumb base count."""
+    """Return the smallest signed distance, m, of an object to links that do not hold it, the thumb's base included.
+
+    The bases of the other fingers are left out where the palm holds: they lie in its plane. :func:`base_clearance`
+    looks after them.
+    """
     hand = load_hand()
     everything = np.arange(len(hand.link_names))
+    bases = links_of(hand, PALM_SIDE_BASES)
+    not_first = np.setdiff1d(everything, holding_links(hand, grasp.first.fingers))
+    not_second = np.setdiff1d(everything, np.concatenate([holding_links(hand, grasp.second.fingers), bases]))
     return min(
-        hand_object_clearance(
-            grasp.q, np.setdiff1d(everything, holding_links(hand, single.fingers)), item, T_hand_object
-        )
-        for single, item, T_hand_object in (
-            (grasp.first, object0, grasp.T_hand_object0),
-            (grasp.second, object1, grasp.T_hand_object1),
-        )
+        hand_object_clearance(grasp.held_q, not_first, object0, grasp.T_hand_held0),
+        hand_object_clearance(grasp.held_q, not_second, object1, grasp.T_hand_object1),
     )
+
+
+def base_clearance(grasp: MergedGrasp, object1: PreparedObject) -> float:
+    """Return the smallest signed distance, m, of object 1 to the finger bases beside the palm."""
+    bases = links_of(load_hand(), PALM_SIDE_BASES)
+    return hand_object_clearance(grasp.held_q, bases, object1, grasp.T_hand_object1)
 
 
 def self_clearance(q: NDArray[np.float64]) -> float:
@@ -140,5 +149,5 @@ def support_height(
 
 def held_object_height(grasp: MergedGrasp, object0: PreparedObject, object1: PreparedObject) -> float:
     """Return the height, m, of the held object 0 over the plane that object 1 stands on."""
-    points = transform_points(grasp.second.T_object_hand @ grasp.T_hand_object0, object0.surface_points)
+    points = transform_points(grasp.second.T_object_hand @ grasp.T_hand_held0, object0.surface_points)
     return float(points[:, 2].min() - object1.bottom)

@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from pipeline.hand.allegro import FINGER_LINKS
 from pipeline.merge.approach import first_opening, ring_motion_clearance, second_approach
 from pipeline.merge.clearance import (
+    base_clearance,
     hand_clearance,
     held_object_height,
     mount_height,
@@ -16,6 +19,7 @@ from pipeline.merge.clearance import (
     support_height,
 )
 from pipeline.merge.grasps import MergedGrasp, SingleGrasp, fingers_are_disjoint, join
+from pipeline.merge.settling import settle_pinch
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.physics import PhysicsParameters
@@ -38,19 +42,22 @@ class Pair:
 def try_combination(pair: Pair, grasps: tuple[SingleGrasp, SingleGrasp]) -> dict[str, Any]:
     """Return the row of one combination, all columns of ``MERGED`` but ``merged_id``.
 
-    ``rejected_by`` is the first failed check, in this order: ``fingers``, ``object_clearance``, ``hand_clearance``,
-    ``self_clearance``, ``mount_clearance``, ``support_clearance``, ``first_approach``, ``second_approach``,
-    ``ring_motion``, ``gravity``; empty when all passed. Columns of checks that were not reached are None.
+    ``rejected_by`` is the first failed check, in this order: ``fingers``, ``settling``, ``object_clearance``,
+    ``hand_clearance``, ``self_clearance``, ``mount_clearance``, ``support_clearance``, ``first_approach``,
+    ``second_approach``, ``ring_motion``, ``gravity``; empty when all passed. Columns of checks that were not reached
+    are None.
     """
-    first, second = grasps
-    grasp = join(first, second)
+    grasp = join(*grasps)
     row: dict[str, Any] = dict.fromkeys(MERGED.names)
     row |= _identity(pair, grasp)
+    if not fingers_are_disjoint(*grasps):
+        return row | {"rejected_by": "fingers"}
+    if pair.merge.physics_test:
+        grasp = settle_pinch(grasp, pair.object0, pair.physics)
+        if np.linalg.norm((grasp.T_hand_held0 - grasp.T_hand_object0)[:3, 3]) > pair.validate.drift_limit:
+            return row | {"rejected_by": "settling"}
     row["rejected_by"] = (
-        ("" if fingers_are_disjoint(first, second) else "fingers")
-        or _static_checks(pair, grasp, row)
-        or _approach_checks(pair, grasp, row)
-        or _gravity_check(pair, grasp, row)
+        _static_checks(pair, grasp, row) or _approach_checks(pair, grasp, row) or _gravity_check(pair, grasp, row)
     )
     return row
 
@@ -78,18 +85,18 @@ def _identity(pair: Pair, grasp: MergedGrasp) -> dict[str, Any]:
 def _static_checks(pair: Pair, grasp: MergedGrasp, row: dict[str, Any]) -> str:
     tolerance = pair.merge.penetration_tolerance
     row["object_clearance"] = object_clearance(grasp, pair.object0, pair.object1)
-    if row["object_clearance"] < -tolerance:
+    if row["object_clearance"] < pair.merge.clearance:
         return "object_clearance"
     row["hand_clearance"] = hand_clearance(grasp, pair.object0, pair.object1)
-    if row["hand_clearance"] < -tolerance:
+    if row["hand_clearance"] < pair.merge.clearance or base_clearance(grasp, pair.object1) < -tolerance:
         return "hand_clearance"
-    if self_clearance(grasp.q) < -tolerance:
+    if self_clearance(grasp.held_q) < -tolerance:
         return "self_clearance"
     row["mount_clearance"] = mount_height(grasp, pair.object1)
     if row["mount_clearance"] < pair.merge.mount_clearance:
         return "mount_clearance"
     lowest = min(
-        support_height(grasp.q, grasp.second.T_object_hand, pair.object1.bottom),
+        support_height(grasp.held_q, grasp.second.T_object_hand, pair.object1.bottom),
         held_object_height(grasp, pair.object0, pair.object1),
     )
     return "support_clearance" if lowest < -tolerance else ""
@@ -114,7 +121,10 @@ def _approach_checks(pair: Pair, grasp: MergedGrasp, row: dict[str, Any]) -> str
 
 
 def _gravity_check(pair: Pair, grasp: MergedGrasp, row: dict[str, Any]) -> str:
-    """Hold both objects in every gravity direction of ``validate``, which are directions of object 0's frame."""
+    """Hold both objects in every gravity direction of ``validate``, which are directions of object 0's frame.
+
+    The test begins with object 0 settled in the squeezing fingers.
+    """
     if not pair.merge.physics_test:
         return ""
     from pipeline.physics.holding import HeldObject, hold_in_gravities
@@ -122,10 +132,10 @@ def _gravity_check(pair: Pair, grasp: MergedGrasp, row: dict[str, Any]) -> str:
     held = [
         HeldObject(item, T_hand_object, tuple(link for finger in single.fingers for link in FINGER_LINKS[finger]))
         for item, T_hand_object, single in (
-            (pair.object0, grasp.T_hand_object0, grasp.first),
+            (pair.object0, grasp.T_hand_held0, grasp.first),
             (pair.object1, grasp.T_hand_object1, grasp.second),
         )
     ]
-    holding = hold_in_gravities(pair.physics, pair.validate, held, grasp.q, grasp.squeeze_q)
+    holding = hold_in_gravities(pair.physics, pair.validate, held, grasp.held_q, grasp.squeeze_q)
     row["gravity_drift"] = holding.drift.max(1)
     return "gravity" if holding.failed_direction else ""

@@ -43,6 +43,8 @@ class MergedGrasp:
     squeeze_q: NDArray[np.float64]  # (16,)
     T_hand_object0: NDArray[np.float64]  # (4, 4)
     T_hand_object1: NDArray[np.float64]  # (4, 4)
+    held_q: NDArray[np.float64]  # (16,) like q, but the pinching fingers as they are once they squeeze
+    T_hand_held0: NDArray[np.float64]  # (4, 4) of object 0 then; see pipeline.merge.settling
 
 
 def validated_grasps(table: pd.DataFrame) -> list[SingleGrasp]:
@@ -95,8 +97,9 @@ def distinct_grasps(grasps: list[SingleGrasp], distance: float) -> list[SingleGr
 
 def join(first: SingleGrasp, second: SingleGrasp) -> MergedGrasp:
     """Join two grasps: thumb, index and middle as in ``first``, ring as in ``second``, each object where its grasp
-    has it.
+    has it. Object 0 is taken to stay where it is when it is squeezed.
     """
+    T_hand_object0 = inverse_pose(first.T_object_hand)
     q, squeeze_q = first.q.copy(), first.squeeze_q.copy()
     q[RING_JOINTS] = second.q[RING_JOINTS]
     squeeze_q[RING_JOINTS] = second.squeeze_q[RING_JOINTS]
@@ -105,8 +108,10 @@ def join(first: SingleGrasp, second: SingleGrasp) -> MergedGrasp:
         second=second,
         q=q,
         squeeze_q=squeeze_q,
-        T_hand_object0=inverse_pose(first.T_object_hand),
+        T_hand_object0=T_hand_object0,
         T_hand_object1=inverse_pose(second.T_object_hand),
+        held_q=q,
+        T_hand_held0=T_hand_object0,
     )
 
 

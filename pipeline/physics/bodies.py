@@ -26,13 +26,6 @@ class Body:
         """``T_world_body`` (4, 4)."""
         return from_sapien(self.component.entity_pose)
 
-    def place(self, T_world_body: ArrayLike) -> None:
-        """Put the body somewhere at once, at rest if it is dynamic."""
-        self.entity.pose = to_sapien(T_world_body)
-        if not is_static(self.component) and not self.component.kinematic:
-            self.component.linear_velocity = np.zeros(3)
-            self.component.angular_velocity = np.zeros(3)
-
     def move_to(self, T_world_body: ArrayLike) -> None:
         """Carry a kinematic body to a pose during the next step, with the velocity that this takes."""
         self.component.kinematic_target = to_sapien(T_world_body)
@@ -41,13 +34,6 @@ class Body:
     def asleep(self) -> bool:
         """PhysX has put the body to rest; it stays where it is until something wakes it."""
         return bool(self.component.is_sleeping)
-
-
-def is_static(component: Any) -> bool:
-    """Whether a component can never move."""
-    from sapien.physx import PhysxRigidStaticComponent
-
-    return isinstance(component, PhysxRigidStaticComponent)
 
 
 def add_object(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,18 +35,3 @@ def link_impulses(world: World, body: Body, robot: Robot) -> dict[str, NDArray[n
 def pressing_links(world: World, body: Body, robot: Robot, threshold: float) -> set[str]:
     """Return the names of links whose impulse on ``body`` exceeds ``threshold``, N s, in the last step."""
     return {name for name, impulse in link_impulses(world, body, robot).items() if np.linalg.norm(impulse) > threshold}
-
-
-def body_impulse(world: World, first: Body, second: Body) -> NDArray[np.float64]:
-    """Return the impulse (3,), N s, world frame, that acted on ``first`` from ``second`` in the last step."""
-    total = np.zeros(3)
-    for contact in world.system.get_contacts():
-        for here, there, sign in ((0, 1, 1.0), (1, 0, -1.0)):
-            if contact.bodies[here] == first.component and contact.bodies[there] == second.component:
-                total += sign * np.sum([point.impulse for point in contact.points], axis=0, dtype=np.float64)
-    return total
-
-
-def touches_assigned(pressing: Iterable[str], assigned: Iterable[str]) -> bool:
-    """Whether one of the assigned links presses."""
-    return not set(pressing).isdisjoint(assigned)

@@ -55,11 +55,6 @@ class Robot:
         """Joint positions (n,), rad."""
         return np.asarray(self.articulation.qpos, np.float64)[self.order]
 
-    @property
-    def velocity(self) -> NDArray[np.float64]:
-        """Joint velocities (n,), rad/s."""
-        return np.asarray(self.articulation.qvel, np.float64)[self.order]
-
     def set_q(self, q: ArrayLike) -> None:
         """Put the joints at ``q`` (n,), rad, at once and at rest; drive targets stay as they are."""
         values = np.zeros(len(self.order), dtype=np.float32)
@@ -74,10 +69,6 @@ class Robot:
         for joint, position, speed in zip(self.joints, positions, velocities, strict=True):
             joint.set_drive_target(float(position))
             joint.set_drive_velocity_target(float(speed))
-
-    def set_root(self, T_world_root: ArrayLike) -> None:
-        """Put the fixed root somewhere else at once."""
-        self.articulation.root_pose = to_sapien(T_world_root)
 
     def link_pose(self, name: str) -> NDArray[np.float64]:
         """``T_world_link`` (4, 4)."""

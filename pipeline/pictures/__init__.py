@@ -1,1 +1,1 @@
-"""Ray-cast pictures of objects, hands and robots, without any graphics driver."""
+"""Pictures without a GPU or a display: ray-cast renders of objects, hand and robot, and PNG files of them."""

@@ -1,4 +1,4 @@
-"""`python -m pipeline.prepare --object cube`: make ``data/prepare/<object>/``."""
+"""`python -m pipeline.prepare --object cube` or `--mesh mug`: make ``data/prepare/<object>/``."""
 
 from __future__ import annotations
 
@@ -10,29 +10,33 @@ from pipeline.records.parameters import load_parameters
 from pipeline.records.running import run_stage
 
 
-def sections(object_name: str) -> list[str]:
-    """Parameter sections that ``prepare@<object>`` declares in ``dvc.yaml``."""
-    return ["prepare", f"objects.{object_name}"]
+def sections(object_name: str = "", mesh: str = "") -> list[str]:
+    """Parameter sections that ``prepare@<object>`` and ``prepare-mesh@<mesh>`` declare in ``dvc.yaml``."""
+    return ["prepare", f"meshes.{mesh}" if mesh else f"objects.{object_name}"]
 
 
-def prepare(object_name: str) -> None:
-    """Prepare one object and write its folder."""
-    parameters = load_parameters(sections(object_name))
+def prepare(object_name: str, mesh: str) -> None:
+    """Prepare one object, of the packages or of the user's own meshes, and write its folder."""
+    settings, shape = load_parameters(sections(object_name, mesh)).values()
+    from pipeline.prepare.portrait import portrait
     from pipeline.prepare.preparation import prepare_object
     from pipeline.prepare.sources import check_source
 
-    shape = parameters[f"objects.{object_name}"]
-    check_source(shape, object_name)
-    prepared = prepare_object(object_name, shape, parameters["prepare"])
-    write_prepared_object(paths.prepared_folder(object_name), prepared)
+    name = mesh or object_name
+    check_source(shape, name)
+    prepared = prepare_object(name, shape, settings)
+    write_prepared_object(paths.prepared_folder(name), prepared, portrait(prepared))
 
 
 def main() -> int:
     """Parse the command line and run the stage."""
     parser = argparse.ArgumentParser(prog="python -m pipeline.prepare", description=__doc__)
-    parser.add_argument("--object", required=True, help="name of an object in params.yaml")
-    object_name = parser.parse_args().object
-    return run_stage(f"prepare@{object_name}", lambda: prepare(object_name))
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument("--object", default="", help="name under `objects` in params.yaml")
+    source.add_argument("--mesh", default="", help="name under `meshes` in params.yaml")
+    chosen = parser.parse_args()
+    stage = f"prepare-mesh@{chosen.mesh}" if chosen.mesh else f"prepare@{chosen.object}"
+    return run_stage(stage, lambda: prepare(chosen.object, chosen.mesh))
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ from pipeline.prepare.frame import as_saved
 from pipeline.prepare.mass import solid_properties
 from pipeline.records.parameters.prepare import PrepareParameters
 
-NEARLY_CONVEX = 0.02  # a hull that is larger by less is the object
 HULL_TOLERANCE = 2e-5  # m; a part stops gaining vertices when nothing sticks out further
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
@@ -81,11 +80,12 @@ def convex_parts(
 ) -> tuple[list[Mesh], float]:
     """Return convex parts that together are the solid, and the largest distance (m) that a reduced part lost.
 
-    A solid that fills its convex hull to within 2 % is one part. Vertices are rounded as they are saved.
+    A solid that fills its convex hull well enough (``parameters.hull_excess``) is one part. Vertices are rounded as
+    they are saved.
     """
     hull = convex_hull(vertices)
     volume = solid_properties(vertices, faces)[0]
-    if solid_properties(*hull)[0] <= (1 + NEARLY_CONVEX) * volume:
+    if solid_properties(*hull)[0] <= (1 + parameters.hull_excess) * volume:
         pieces = [hull]
     else:
         pieces = _decomposed(vertices, faces, parameters)

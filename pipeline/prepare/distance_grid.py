@@ -25,9 +25,7 @@ def ray_scene(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Any:
     import open3d
 
     scene = open3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        open3d.core.Tensor(vertices.astype(np.float32)), open3d.core.Tensor(faces.astype(np.uint32))
-    )
+    scene.add_triangles(open3d.core.Tensor(vertices.astype(np.float32)), open3d.core.Tensor(faces.astype(np.uint32)))
     return scene
 
 
@@ -46,9 +44,7 @@ def signed_distances(
     return np.concatenate(parts) if parts else np.zeros(0, np.float32)
 
 
-def distance_grid(
-    vertices: NDArray[np.float64], faces: NDArray[np.int64], cells: int, padding: float
-) -> DistanceGrid:
+def distance_grid(vertices: NDArray[np.float64], faces: NDArray[np.int64], cells: int, padding: float) -> DistanceGrid:
     """Return the grid around a solid: ``cells`` on the longest axis, as many as needed on the others.
 
     Args:

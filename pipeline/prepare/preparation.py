@@ -7,11 +7,10 @@ import numpy as np
 from pipeline.prepare import convex_parts, distance_grid, frame, mass, repair, resting, samples, sources
 from pipeline.records.errors import UserError
 from pipeline.records.objects import PreparedObject
-from pipeline.records.parameters.objects import ObjectParameters
+from pipeline.records.parameters.objects import MeshParameters, ObjectParameters
 from pipeline.records.parameters.prepare import PrepareParameters
 from pipeline.records.seeds import item_generator
 
-LARGEST_VOLUME_ERROR = 0.03  # of the convex parts together, against the solid
 SMALLEST_MARGIN = 0.002  # m, of the support polygon around the centre of mass
 SMALLEST_TIP_ANGLE = np.radians(5.0)
 
@@ -24,7 +23,9 @@ def _union_volume(parts: list[convex_parts.Mesh]) -> float:
     return float(manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add).volume())
 
 
-def prepare_object(name: str, shape: ObjectParameters, parameters: PrepareParameters) -> PreparedObject:
+def prepare_object(
+    name: str, shape: ObjectParameters | MeshParameters, parameters: PrepareParameters
+) -> PreparedObject:
     """Return the prepared object.
 
     Raises:
@@ -37,7 +38,7 @@ def prepare_object(name: str, shape: ObjectParameters, parameters: PrepareParame
     standing = resting.stance(vertices)
     if standing.margin < SMALLEST_MARGIN or standing.tip_angle < SMALLEST_TIP_ANGLE:
         raise UserError(
-            f"objects.{name}: the object does not stand with {shape.up} up (its centre of mass is "
+            f"{name}: the object does not stand with {shape.up} up (its centre of mass is "
             f"{1000 * standing.margin:.1f} mm inside its support, {1000 * SMALLEST_MARGIN:g} are needed); set `up` to "
             "another axis or turn the mesh."
         )

@@ -37,7 +37,7 @@ def check_raw(vertices: NDArray[np.float64], faces: NDArray[np.int64], name: str
     Raises:
         UserError: empty, not finite, wrong unit, or flat.
     """
-    where = f"objects.{name}:"
+    where = f"{name}:"
     if len(vertices) == 0 or len(faces) == 0:
         raise UserError(f"{where} the mesh is empty; export the shape again.")
     used = vertices[np.unique(faces)]
@@ -76,7 +76,9 @@ def _without_flaps(faces: NDArray[np.int64]) -> NDArray[np.int64]:
     faces = faces[(a != b) & (b != c) & (c != a)]
     order = np.argsort(faces, axis=1)
     # Odd permutations of the sorted corners are faces turned the other way.
-    turned = np.where(np.isin(order @ np.array([9, 3, 1]), [0 * 9 + 2 * 3 + 1, 1 * 9 + 0 * 3 + 2, 2 * 9 + 1 * 3]), -1, 1)
+    turned = np.where(
+        np.isin(order @ np.array([9, 3, 1]), [0 * 9 + 2 * 3 + 1, 1 * 9 + 0 * 3 + 2, 2 * 9 + 1 * 3]), -1, 1
+    )
     _, first, group, uses = np.unique(
         np.sort(faces, axis=1), axis=0, return_index=True, return_inverse=True, return_counts=True
     )
@@ -155,11 +157,9 @@ def _single_body(manifold: Any, repairs: list[str], name: str) -> Any:
     bodies = sorted(manifold.decompose(), key=lambda body: -body.volume())
     large = [body for body in bodies if body.volume() > SPECK * manifold.volume()]
     if len(large) > 1:
-        raise UserError(
-            f"objects.{name}: the mesh holds {len(large)} separate bodies; keep one, or join them in the file."
-        )
+        raise UserError(f"{name}: the mesh holds {len(large)} separate bodies; keep one, or join them in the file.")
     if not large:
-        raise UserError(f"objects.{name}: the mesh encloses no volume; model it as a solid.")
+        raise UserError(f"{name}: the mesh encloses no volume; model it as a solid.")
     if len(bodies) > 1:
         repairs.append(f"dropped {len(bodies) - 1} specks below {SPECK:.1%} of the volume")
     return large[0]
@@ -202,7 +202,7 @@ def repair(vertices: NDArray[np.float64], faces: NDArray[np.int64], name: str) -
         open_edges = int((_edge_uses(np.asarray(mesh.faces)) != 2).sum())
         solid = _wrapped(mesh)
         if solid is None:
-            raise UserError(f"objects.{name}: the mesh cannot be closed ({open_edges} bad edges); mend it in a modeller.")
+            raise UserError(f"{name}: the mesh cannot be closed ({open_edges} bad edges); mend it in a modeller.")
         repairs.append(f"rebuilt as the solid where the winding number is over one half ({open_edges} bad edges)")
     solid = _single_body(solid, repairs, name)
     result = solid.to_mesh64()
@@ -211,7 +211,7 @@ def repair(vertices: NDArray[np.float64], faces: NDArray[np.int64], name: str) -
     before, after = np.ptp(vertices[np.unique(faces)], axis=0), np.ptp(out_vertices, axis=0)
     if np.abs(after - before).max() > EXTENT_CHANGE * before.max():
         raise UserError(
-            f"objects.{name}: closing the mesh changes its extents from {_millimetres(before)} to "
+            f"{name}: closing the mesh changes its extents from {_millimetres(before)} to "
             f"{_millimetres(after)} mm; mend it in a modeller."
         )
     return Solid(out_vertices, out_faces, tuple(repairs))

@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 RAW_PER_POINT = 10  # raw samples per kept point
 
 
-def face_normals(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def face_normals(
+    vertices: NDArray[np.float64], faces: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return unit normals (F, 3) and areas (F,) of faces."""
     a, b, c = vertices[faces].transpose(1, 0, 2)
     normal = np.cross(b - a, c - a)

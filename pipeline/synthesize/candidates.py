@@ -65,9 +65,7 @@ def run_block(block: Block) -> tuple[Grasps, Terms]:
     generators = [item_generator(request.run_seed, *identity, chain) for chain in block.chains]
     seeds = np.array([item_seed(request.run_seed, *identity, chain) & 0x7FFFFFFF for chain in block.chains])
     first = draw_seeds(scene, hand, request.style, settings, slots, generators)
-    best, _ = run_chains(
-        scene, request.optimizer, settings.iterations, first, slots, free_joints(request.style), seeds
-    )
+    best, _ = run_chains(scene, request.optimizer, settings.iterations, first, slots, free_joints(request.style), seeds)
     # The energy only leans against the limits, so that the best state may lie a little beyond.
     best.q = np.clip(best.q, hand.lower, hand.upper)
     return best, scene.evaluate(best)[0]

@@ -202,9 +202,7 @@ def object_arrays(device: str, prepared: PreparedObject, energy: EnergyParameter
     blocks = block_order(points)
     spheres = [bounding_sphere(points[block]) for block in blocks]
     top = prepared.distance_origin + prepared.distance_spacing * (np.array(prepared.distance.shape) - 1)
-    padding = min(
-        (prepared.vertices.min(0) - prepared.distance_origin).min(), (top - prepared.vertices.max(0)).min()
-    )
+    padding = min((prepared.vertices.min(0) - prepared.distance_origin).min(), (top - prepared.vertices.max(0)).min())
     arrays = kernel.ObjectArrays()
     arrays.distance = wp.array(np.ascontiguousarray(prepared.distance), dtype=float, device=device)
     arrays.distance_origin = wp.vec3(*prepared.distance_origin.tolist())

@@ -24,7 +24,7 @@ TEMPORARY = re.compile(r"\..+\.(\d+)\.tmp")  # see records.writing
 def stray_outputs(parameters: Parameters) -> list[Path]:
     """Return outputs below ``data`` whose object is no longer named for them, sorted."""
     styles = {"pinch": parameters.styles.pinch, "side": parameters.styles.side}
-    wanted = {Path("data/prepare"): list(parameters.objects)}
+    wanted = {Path("data/prepare"): [*parameters.objects, *parameters.meshes]}
     for stage in ("synthesize", "validate"):
         wanted |= {Path("data") / stage / style: names for style, names in styles.items()}
     wanted |= {folder: styles["pinch"] for folder in Path("data/evaluate").glob("*") if folder.is_dir()}

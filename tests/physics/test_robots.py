@@ -100,7 +100,7 @@ def test_a_test_repeats_bit_for_bit(cube) -> None:  # type: ignore[no-untyped-de
         body = add_object(world, cube, SETTINGS, T)
         robot.set_targets(hand.upper)
         world.step(150)
-        return robot.q.tobytes() + robot.velocity.tobytes() + body.pose.tobytes()
+        return robot.q.tobytes() + robot.articulation.qvel.tobytes() + body.pose.tobytes()
 
     assert run() == run()
 

@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+# Durations differ from run to run, and no stage declares them.
+UNCOUNTED = {"durations.json", "durations.html", ".durations.lock", ".gitignore"}
 TABLES = ("data/prepare", "data/synthesize", "data/validate", "data/merge", "data/evaluate")
 
 
@@ -82,13 +84,19 @@ class WorkingCopy:
         """Replace params.yaml."""
         (self / "params.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
 
+    def forget(self, stage: str) -> None:
+        """Remove the outputs of ``stage`` from DVC's cache, and the record of all earlier runs."""
+        shutil.rmtree(self / ".dvc/cache/runs")
+        for output in yaml.safe_load((self / "dvc.lock").read_text())["stages"][stage]["outs"]:
+            (self / ".dvc/cache/files/md5" / output["md5"][:2] / output["md5"][2:]).unlink()
+
     def fingerprints(self, *folders: str) -> dict[str, str]:
         """Return path -> SHA-256 of all files in ``folders`` (default: all data and the page)."""
         found: dict[str, str] = {}
         for folder in folders or (*TABLES, "reports"):
             for path in sorted((self / folder).rglob("*")):
                 name = str(path.relative_to(self.root))
-                if path.is_file() and path.name not in ("durations.json", ".durations.lock", ".gitignore"):
+                if path.is_file() and path.name not in UNCOUNTED:
                     found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
         return found
 
@@ -109,7 +117,16 @@ class WorkingCopy:
                 shutil.copytree(entry, target / entry.name)
             else:
                 shutil.copy2(entry, target / entry.name)
+        if (target / "mlflow.db").exists():
+            _move_records(target / "mlflow.db", str(self.root), str(target))
         return WorkingCopy(target)
+
+
+def _move_records(database: Path, old: str, new: str) -> None:
+    """Tell a copied MLflow database where its files are now; it keeps absolute paths."""
+    with sqlite3.connect(database) as connection:
+        connection.execute("update experiments set artifact_location = replace(artifact_location, ?, ?)", (old, new))
+        connection.execute("update runs set artifact_uri = replace(artifact_uri, ?, ?)", (old, new))
 
 
 def _link(source: str, target: str) -> None:

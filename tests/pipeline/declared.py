@@ -38,8 +38,8 @@ class Stage:
     def sections(self) -> list[str]:
         """What the stage's own ``sections()`` says for these options."""
         function = import_module(f"pipeline.{self.room}.__main__").sections
-        known = {**self.options, "object_name": self.options.get("object")}
-        return function(**{name: known[name] for name in inspect.signature(function).parameters})
+        known = {**self.options, "object_name": self.options.get("object", "")}
+        return function(**{name: known.get(name, "") for name in inspect.signature(function).parameters})
 
 
 def _filled(value, variables: dict[str, str]):

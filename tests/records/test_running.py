@@ -1,4 +1,6 @@
 import json
+import subprocess
+import sys
 
 import pytest
 
@@ -39,3 +41,22 @@ def test_damaged_durations_do_not_stop_a_stage(empty_folder):
     paths.DURATIONS_FILE.write_text("{half")
     assert run_stage("merge", lambda: None) == 0
     assert "merge" in json.loads(paths.DURATIONS_FILE.read_text())
+
+
+def test_work_of_living_workers_is_counted(empty_folder):
+    """The operating system's own sum leaves out children that have not ended."""
+    burn = "x = 0\nwhile __import__('time').process_time() < 0.5: x += 1\nprint('burnt', flush=True)\ninput()"
+    worker = subprocess.Popen(
+        [sys.executable, "-c", f"data = b'x' * 200_000_000\n{burn}"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert worker.stdout.readline() == "burnt\n"
+        run_stage("merge", lambda: None)
+    finally:
+        worker.communicate("end\n")
+    entry = json.loads(paths.DURATIONS_FILE.read_text())["merge"]
+    assert entry["cpu_seconds"] >= 0.5
+    assert entry["peak_megabytes_largest_process"] >= 190

@@ -12,9 +12,7 @@ from pipeline.synthesize.energy import EnergyScene, Grasps, block_order, contact
 from tests.synthesize import shapes
 from tests.synthesize.energy_oracle import EnergyOracle
 
-PINCH = StyleParameters(
-    finger_sets=[["thumb", "index"]], contacts={"thumb+index": 2}, table_clearance=0.005
-)
+PINCH = StyleParameters(finger_sets=[["thumb", "index"]], contacts={"thumb+index": 2}, table_clearance=0.005)
 SIDE = StyleParameters(
     finger_sets=[["ring", "palm"]], contacts={"ring+palm": 3}, table_clearance=0.01, mount_clearance=0.005
 )

@@ -21,7 +21,7 @@ from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.merge import MergeParameters
-from pipeline.records.parameters.objects import ObjectParameters, StylesParameters
+from pipeline.records.parameters.objects import MeshParameters, ObjectParameters, StylesParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.prepare import PrepareParameters
 from pipeline.records.parameters.report import ComputeParameters, ReportParameters, TrackParameters
@@ -38,7 +38,8 @@ class Parameters(Section):
     scale: Literal["demo", "paper", "tiny"] = Field(description="Which scale of conf/scale was composed.")
     seed: int = Field(ge=0, description="Run seed; every item derives its own generator from it.")
     styles: StylesParameters
-    objects: dict[str, ObjectParameters]
+    objects: dict[str, ObjectParameters] = Field(description="Objects from packages and recipes, by name.")
+    meshes: dict[str, MeshParameters] = Field(description="Objects from the user's own files, by name.")
     prepare: PrepareParameters
     synthesize: SynthesizeParameters
     physics: PhysicsParameters
@@ -51,15 +52,18 @@ class Parameters(Section):
 
     @model_validator(mode="after")
     def _names_agree(self) -> Parameters:
-        for name in self.objects:
+        for name in [*self.objects, *self.meshes]:
             if not OBJECT_NAME.fullmatch(name):
                 raise ValueError(f"object name {name!r}: use small letters, digits and underscores, a letter first")
+        for name in self.meshes:
+            if name in self.objects:
+                raise ValueError(f"the name {name!r} is in objects and in meshes; rename one")
         for style in ("pinch", "side"):
             names = getattr(self.styles, style)
             for name in names:
-                if name not in self.objects:
+                if name not in self.objects and name not in self.meshes:
                     raise ValueError(
-                        f"styles.{style} names the unknown object {name!r}; add it to objects or remove it"
+                        f"styles.{style} names the unknown object {name!r}; add it to objects or meshes, or remove it"
                     )
             if len(set(names)) != len(names):
                 raise ValueError(f"styles.{style} names an object twice")
@@ -114,9 +118,9 @@ def _section(parameters: Parameters, name: str, source: Path) -> Any:
     for part in name.split("."):
         if isinstance(value, dict):
             if part not in value:
-                known = ", ".join(sorted(value))
+                known = ", ".join(sorted(value)) or "none yet"
                 raise UserError(
-                    f"{source}: there is no object {part!r}; add it under `objects`, or use one of {known}."
+                    f"{source}: there is no object {part!r} under `{name.split('.')[0]}`; add it there, or use one of {known}."
                 )
             value = value[part]
         else:

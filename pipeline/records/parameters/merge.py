@@ -12,8 +12,11 @@ class MergeParameters(Section):
 
     grasps_per_pair: int = Field(40, ge=1, description="Accepted grasps wanted per pair.")
     most_combinations: int = Field(400, ge=1, description="Combinations tried per pair, in random order.")
+    clearance: float = Field(
+        0.001, description="Least distance of an object to the other one and to fingers that do not hold it, m."
+    )
     penetration_tolerance: float = Field(
-        0.001, ge=0, description="Largest overlap of an object with what does not hold it, m."
+        0.001, ge=0, description="Overlap in sweeps, with the support and between fingers that counts as none, m."
     )
     mount_clearance: float = Field(
         0.003, description="Least height of flange and mount over the support of object 1, m."

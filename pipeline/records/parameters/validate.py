@@ -15,7 +15,9 @@ class ValidateParameters(Section):
     """Tests of a single grasp with a floating hand; also used for two objects by `merge`."""
 
     gravity_directions: list[Direction] = Field(
-        ["-z", "+z", "+x", "-x", "+y", "-y"], min_length=1, description="Object frame, tried in this order."
+        ["-x", "-z", "+y", "+x", "+z", "-y"],
+        min_length=1,
+        description="Frame of the (first) object, tried in this order: those that reject most come first.",
     )
     gravity_seconds: float = Field(2.5, gt=0, le=20, description="Paper: 2.5.")
     squeeze_advance: float = Field(

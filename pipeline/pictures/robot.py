@@ -1,0 +1,129 @@
+"""Bodies of the hand and of the whole robot in a given posture, from the visual meshes of their descriptions."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.hand.allegro import origin_matrix
+from pipeline.hand.robot import MOUNT_LINK, ROBOT_JOINT_NAMES, compose_robot
+from pipeline.pictures.render import Body, corner_normals
+
+LARGEST_MESH = 4000  # faces; finer visual meshes are decimated, as no picture shows the difference
+HAND_COLOUR = (0.20, 0.21, 0.24)
+TIP_COLOUR = (0.88, 0.88, 0.86)
+ARM_COLOUR = (0.90, 0.91, 0.92)
+JOINT_COLOUR = (0.28, 0.29, 0.31)
+MOUNT_COLOUR = (0.45, 0.47, 0.50)
+
+
+@dataclass(frozen=True)
+class _Visual:
+    """One coloured mesh of a link, in the link frame."""
+
+    link: str
+    body: Body
+
+
+def _decimated(mesh: Any) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    import open3d
+
+    mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
+    if len(faces) <= LARGEST_MESH:
+        return vertices, faces
+    full = open3d.geometry.TriangleMesh(open3d.utility.Vector3dVector(vertices), open3d.utility.Vector3iVector(faces))
+    small = full.simplify_quadric_decimation(LARGEST_MESH)
+    return np.asarray(small.vertices), np.asarray(small.triangles, np.int64)
+
+
+def _colour(link: str, mesh: Any) -> tuple[float, float, float]:
+    if link.endswith("_tip"):
+        return TIP_COLOUR
+    if not link.startswith("panda"):
+        return HAND_COLOUR
+    base = getattr(getattr(mesh.visual, "material", None), "baseColorFactor", None)
+    return JOINT_COLOUR if base is not None and max(base[:3]) < 60 else ARM_COLOUR
+
+
+@lru_cache(maxsize=64)
+def _file_meshes(path: Path) -> list[Any]:
+    """Return the meshes of a file with the transforms of its scene applied."""
+    import trimesh
+
+    loaded = trimesh.load(path, process=False)
+    return list(loaded.dump()) if isinstance(loaded, trimesh.Scene) else [loaded]
+
+
+@lru_cache(maxsize=2)
+def _visuals(arm: bool) -> tuple[_Visual, ...]:
+    import trimesh
+
+    visuals = []
+    for link in ElementTree.fromstring(compose_robot(arm, visuals=True)).iter("link"):
+        name = link.get("name", "")
+        shapes = link.findall("visual") or (link.findall("collision") if name == MOUNT_LINK else [])
+        for shape in shapes:
+            T = origin_matrix(shape.find("origin"))
+            mesh_element, box = shape.find("geometry/mesh"), shape.find("geometry/box")
+            if mesh_element is not None:
+                meshes = _file_meshes(Path(mesh_element.get("filename", "")))
+            elif box is not None:
+                meshes = [trimesh.creation.box([float(part) for part in box.get("size", "").split()])]
+            else:
+                continue
+            for mesh in meshes:
+                vertices, faces = _decimated(mesh.copy())
+                vertices = vertices @ T[:3, :3].T + T[:3, 3]
+                colour = MOUNT_COLOUR if name == MOUNT_LINK else _colour(name, mesh)
+                visuals.append(_Visual(name, Body(vertices, faces, colour, np.eye(4), corner_normals(vertices, faces))))
+    return tuple(visuals)
+
+
+@lru_cache(maxsize=2)
+def _kinematics(arm: bool) -> tuple[Any, Any, NDArray[np.int64]]:
+    """Pinocchio's model, and where each of our joints stands in its configuration vector."""
+    import pinocchio
+
+    model = pinocchio.buildModelFromXML(compose_robot(arm, visuals=False))
+    names = ROBOT_JOINT_NAMES if arm else ROBOT_JOINT_NAMES[7:]
+    return model, model.createData(), np.array([model.joints[model.getJointId(name)].idx_q for name in names])
+
+
+def _bodies(arm: bool, T_world_root: NDArray[np.float64], q: NDArray[np.float64]) -> list[Body]:
+    import pinocchio
+
+    model, data, index = _kinematics(arm)
+    configuration = np.zeros(model.nq)
+    configuration[index] = q
+    pinocchio.framesForwardKinematics(model, data, configuration)
+    return [
+        visual.body.placed(T_world_root @ data.oMf[model.getFrameId(visual.link)].homogeneous)
+        for visual in _visuals(arm)
+    ]
+
+
+def hand_bodies(T_world_hand: NDArray[np.float64], q: NDArray[np.float64]) -> list[Body]:
+    """Return the hand's links.
+
+    Args:
+        T_world_hand: (4, 4) pose of ``base_link``.
+        q: (16,) joint angles, rad.
+    """
+    return _bodies(False, T_world_hand, np.asarray(q, np.float64))
+
+
+def robot_bodies(q: NDArray[np.float64], T_world_base: NDArray[np.float64] | None = None) -> list[Body]:
+    """Return the links of arm, mount and hand.
+
+    Args:
+        q: (23,) the arm's 7 joint angles, then the hand's 16, rad.
+        T_world_base: (4, 4) pose of ``panda_link0``; the world's origin when absent.
+    """
+    return _bodies(True, np.eye(4) if T_world_base is None else T_world_base, np.asarray(q, np.float64))

@@ -1,0 +1,104 @@
+"""Every tried combination keeps its fate; results are balanced and independent of the number of workers."""
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.hand.allegro import load_hand
+from pipeline.hand.kinematics import link_poses
+from pipeline.merge.combination import Pair, try_combination
+from pipeline.merge.pairs import merge_pair, summary
+from pipeline.records.parameters.merge import MergeParameters
+from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.parameters.validate import ValidateParameters
+from pipeline.records.tables import MERGED, read_table, write_table
+from tests.merge.constructed import box, cylinder, pinch, side
+
+
+def pair(**settings) -> Pair:
+    return Pair(box(), cylinder(), MergeParameters(**settings), PhysicsParameters(), ValidateParameters())
+
+
+def in_hand_at_object_1():
+    """A pinch grasp whose object stands where object 1 of the constructed side grasp stands."""
+    return replace(pinch(), T_object_hand=side().T_object_hand)
+
+
+def in_thumb():
+    """A side grasp whose object stands in a joint of the thumb."""
+    hand = load_hand()
+    T = side().T_object_hand.copy()
+    T[:3, 3] = -T[:3, :3] @ link_poses(hand, pinch().q[None])[0, hand.link("link_14.0"), :3, 3]
+    return replace(side(), T_object_hand=T)
+
+
+def with_mount_low():
+    """A side grasp held so low that the flange is in the support."""
+    T = side().T_object_hand.copy()
+    T[2, 3] -= 0.03
+    return replace(side(), T_object_hand=T)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "fate"),
+    [
+        (pinch(), side(), ""),
+        (replace(pinch(), fingers=("thumb", "ring")), side(), "fingers"),
+        (in_hand_at_object_1(), side(), "object_clearance"),
+        (pinch(), in_thumb(), "hand_clearance"),
+        (pinch(), with_mount_low(), "mount_clearance"),
+        (replace(pinch(), squeeze_q=pinch().q), side(), "gravity"),
+    ],
+)
+def test_fate_of_a_combination(first, second, fate: str) -> None:
+    row = try_combination(pair(), (first, second))
+    assert row["rejected_by"] == fate
+    assert set(row) == set(MERGED.names)
+    if fate == "":
+        assert row["object_clearance"] > 0 and row["sweep_penetrations"] == 0
+        assert max(row["gravity_drift"]) < 0.02 and len(row["gravity_drift"]) == 6
+
+
+def several(count: int):
+    """The constructed grasps under several names, every third one with a mount in the support."""
+    firsts = [replace(pinch(), grasp_id=index) for index in range(count)]
+    seconds = [replace(with_mount_low() if index % 3 == 2 else side(), grasp_id=index) for index in range(count)]
+    return firsts, seconds
+
+
+def merged(workers: int, **settings) -> pd.DataFrame:
+    settings = {"grasps_per_pair": 6, "most_per_grasp": 2, "distinct_distance": 0.0, "physics_test": False} | settings
+    firsts, seconds = several(6)
+    return merge_pair(pair(**settings), firsts, seconds, np.random.default_rng(4), workers)
+
+
+def test_wanted_number_is_reached_balanced_and_without_repetition() -> None:
+    table = merged(1)
+    accepted = table[table.rejected_by == ""]
+    assert len(accepted) == 6
+    assert table.merged_id.tolist() == list(range(len(table)))
+    assert not table.duplicated(["grasp0_id", "grasp1_id"]).any()
+    for column in ("grasp0_id", "grasp1_id"):
+        assert max(Counter(accepted[column]).values()) <= 2
+    assert (table[table.grasp1_id % 3 == 2].rejected_by == "mount_clearance").all()
+    assert "6 accepted" in summary(table) and "mount_clearance" in summary(table)
+
+
+def test_result_does_not_depend_on_workers(tmp_path) -> None:
+    for workers in (1, 2):
+        write_table(tmp_path / f"{workers}.parquet", merged(workers, physics_test=True), MERGED)
+    assert (tmp_path / "1.parquet").read_bytes() == (tmp_path / "2.parquet").read_bytes()
+    back = read_table(tmp_path / "1.parquet", MERGED, "merge")
+    assert len(back) > 6 and back[back.rejected_by != ""].open_q1.isna().all()
+
+
+def test_limits_end_the_search() -> None:
+    assert len(merged(1, most_combinations=5)) == 5
+    few = merged(1, grasps_per_pair=40)  # 4 usable side grasps, twice each
+    assert (few.rejected_by == "").sum() == 8
+    nothing = merge_pair(pair(), [], [side()], np.random.default_rng(0), 1)
+    assert len(nothing) == 0 and list(nothing.columns) == MERGED.names
+    assert summary(nothing) == "0 accepted of 0 tried"

@@ -1,0 +1,113 @@
+"""The command, in a folder of its own."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import trimesh
+import yaml
+
+from pipeline.merge import __main__ as stage
+from pipeline.records import paths
+from pipeline.records.parameters import read_parameters
+from pipeline.records.poses import position_quaternion
+from pipeline.records.tables import MERGED, VALIDATED, read_table, write_table
+from tests.merge.constructed import box, cylinder, pinch, side
+
+
+def write_prepared(prepared) -> None:
+    folder = paths.prepared_folder(prepared.name)
+    (folder / "parts").mkdir(parents=True)
+    mesh = trimesh.Trimesh(prepared.vertices, prepared.faces, process=False)
+    mesh.export(folder / "mesh.ply")
+    mesh.export(folder / "parts" / "00.ply")
+    np.save(folder / "distance.npy", prepared.distance)
+    surface = np.concatenate([prepared.surface_points, prepared.surface_normals], axis=1)
+    np.save(folder / "surface.npy", surface.astype(np.float32))
+    facts = {
+        "part_count": 1,
+        "distance_origin": prepared.distance_origin.tolist(),
+        "distance_spacing": prepared.distance_spacing,
+        "mass": prepared.mass,
+        "inertia": prepared.inertia.tolist(),
+        "volume": prepared.volume,
+        "extents": prepared.extents.tolist(),
+        "provenance": {},
+    }
+    (folder / "object.json").write_text(json.dumps(facts))
+
+
+def write_validated(style: str, name: str, grasp, fates: list[str]) -> None:
+    position, quaternion = position_quaternion(grasp.T_object_hand)
+    row = dict.fromkeys(VALIDATED.names) | {
+        "object": name,
+        "style": style,
+        "fingers": "+".join(grasp.fingers),
+        "position_object_hand": position,
+        "quaternion_object_hand": quaternion,
+        "q": grasp.q,
+        "contact_candidates": grasp.contact_candidates,
+        "squeeze_q": grasp.squeeze_q,
+        "open_q": grasp.open_q,
+        "approach_direction": grasp.approach_direction,
+    }
+    rows = [row | {"grasp_id": index, "rejected_by": fate} for index, fate in enumerate(fates)]
+    write_table(paths.validated_file(style, name), pd.DataFrame(rows, dtype=object), VALIDATED)
+
+
+@pytest.fixture
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    content = yaml.safe_load(Path("params.yaml").read_text())
+    content["styles"] = {"pinch": ["box"], "side": ["cylinder"]}
+    recipe = {"recipe": "box", "extents": [0.042, 0.042, 0.042]}
+    content["objects"] = {"box": recipe, "cylinder": recipe}
+    content["merge"] |= {"grasps_per_pair": 2, "distinct_distance": 0.0}
+    content["compute"]["workers"] = 1
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["merge"])
+    paths.PARAMETERS_FILE.write_text(yaml.safe_dump(content))
+    write_prepared(box())
+    write_prepared(cylinder())
+    write_validated("pinch", "box", pinch(), ["", "gravity:-z", ""])
+    write_validated("side", "cylinder", side(), ["", "distance"])
+    return tmp_path
+
+
+def test_command_writes_one_table_per_pair_and_nothing_else(project: Path, capsys: pytest.CaptureFixture) -> None:
+    paths.MERGE_FOLDER.mkdir(parents=True)
+    (paths.MERGE_FOLDER / "gone--cylinder.parquet").write_text("of an object that is no longer listed")
+    assert stage.main() == 0
+    assert [path.name for path in paths.MERGE_FOLDER.iterdir()] == ["box--cylinder.parquet"]
+    table = read_table(paths.merged_file("box", "cylinder"), MERGED, "merge")
+    assert table.rejected_by.tolist() == ["", ""]
+    assert sorted(table.grasp0_id) == [0, 2] and set(table.grasp1_id) == {0}  # rejected grasps are not used
+    assert "box then cylinder: 2 accepted of 2 tried" in capsys.readouterr().out
+    before = paths.merged_file("box", "cylinder").read_bytes()
+    assert stage.main() == 0
+    assert paths.merged_file("box", "cylinder").read_bytes() == before
+
+
+def test_pair_without_grasps_gets_an_empty_table_and_a_warning(project: Path, capsys: pytest.CaptureFixture) -> None:
+    write_validated("side", "cylinder", side(), ["gravity:-z"])
+    assert stage.main() == 0
+    assert len(read_table(paths.merged_file("box", "cylinder"), MERGED, "merge")) == 0
+    assert "no two-object grasp of box then cylinder" in capsys.readouterr().err
+
+
+def test_missing_input_is_one_sentence_and_leaves_the_old_result(project: Path, capsys: pytest.CaptureFixture) -> None:
+    assert stage.main() == 0
+    before = paths.merged_file("box", "cylinder").read_bytes()
+    paths.validated_file("side", "cylinder").unlink()
+    capsys.readouterr()
+    assert stage.main() == 2
+    error = capsys.readouterr().err.strip()
+    assert error.count("\n") == 0 and "validate-side@cylinder" in error
+    assert paths.merged_file("box", "cylinder").read_bytes() == before
+
+
+def test_sections_exist(project: Path) -> None:
+    parameters = read_parameters()
+    for section in stage.sections():
+        assert hasattr(parameters, "validate_" if section == "validate" else section)

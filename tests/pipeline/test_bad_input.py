@@ -1,0 +1,170 @@
+"""Bad input to the commands of all stages: one sentence, at once, and nothing half-written."""
+
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+import yaml
+
+from tests.pipeline.conftest import WorkingCopy, copy_of_sources
+
+HEAVY = ("torch", "warp", "sapien", "mani_skill", "open3d", "pinocchio", "ompl", "trimesh", "mlflow", "plotly")
+COMMANDS = {
+    "prepare": ("--object", "cube"),
+    "synthesize": ("--style", "pinch", "--object", "cube"),
+    "validate": ("--style", "side", "--object", "soup_can"),
+    "merge": (),
+    "evaluate": ("--source", "synthesized", "--object", "cube"),
+    "report": (),
+    "track": (),
+}
+each_stage = pytest.mark.parametrize("room", COMMANDS)
+
+
+@pytest.fixture
+def sandbox(repository, tmp_path) -> WorkingCopy:
+    """Sources that a test may change."""
+    return copy_of_sources(repository, tmp_path / "repository")
+
+
+def run(sandbox: WorkingCopy, room: str, *arguments: str):
+    """Run a stage's command; print the heavy packages that it loaded as the last line of stdout."""
+    code = (
+        "import atexit, runpy, sys\n"
+        f"atexit.register(lambda: print('LOADED', *[name for name in {HEAVY!r} if name in sys.modules]))\n"
+        f"sys.argv = ['pipeline.{room}', *{list(arguments)!r}]\n"
+        f"runpy.run_module('pipeline.{room}', run_name='__main__', alter_sys=True)\n"
+    )
+    return sandbox.command(sys.executable, "-c", code)
+
+
+def assert_one_sentence(done, *words: str) -> None:
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.count("\n") == 1, done.stderr
+    for word in words:
+        assert word in done.stderr
+
+
+@each_stage
+def test_every_command_explains_itself(sources, room):
+    done = sources.command(sys.executable, "-m", f"pipeline.{room}", "--help")
+    assert done.returncode == 0
+    assert f"python -m pipeline.{room}" in done.stdout
+
+
+@each_stage
+def test_a_misspelt_parameter_is_found_before_anything_heavy_loads(sandbox, room):
+    content = sandbox.parameters()
+    content["synthesize"]["pinch"]["chainz"] = 5
+    sandbox.write_parameters(content)
+    done = run(sandbox, room, *COMMANDS[room])
+    assert_one_sentence(done, "params.yaml: synthesize.pinch.chainz: unknown parameter (misspelt?)")
+    assert done.stdout.split() == ["LOADED"]
+    assert not (sandbox / "data/prepare").exists()
+
+
+@each_stage
+def test_a_value_out_of_range_is_named(sandbox, room):
+    content = sandbox.parameters()
+    content["physics"]["object_friction"] = -0.5
+    sandbox.write_parameters(content)
+    assert_one_sentence(run(sandbox, room, *COMMANDS[room]), "physics.object_friction", "greater than or equal to 0")
+
+
+@pytest.mark.parametrize("room", ["synthesize", "validate", "merge", "evaluate", "report", "track"])
+def test_missing_inputs_are_named_with_the_command_that_makes_them(sandbox, room):
+    done = run(sandbox, room, *COMMANDS[room])
+    assert_one_sentence(done, "is missing", "dvc repro")
+    assert sorted(path.name for path in (sandbox / "data").iterdir()) == ["raw"]
+
+
+def test_an_unknown_object_is_answered_with_the_known_ones(sandbox):
+    done = run(sandbox, "prepare", "--object", "dragon")
+    assert_one_sentence(done, "no object 'dragon'", "cube, plum, slender_cylinder, soup_can")
+
+
+@pytest.mark.parametrize("room", ["synthesize", "validate"])
+def test_an_unprepared_object_is_named(sandbox, room):
+    done = run(sandbox, room, "--style", "pinch", "--object", "dragon")
+    assert_one_sentence(done, "dragon")
+
+
+def test_a_style_that_names_an_unknown_object_stops_every_stage(sandbox):
+    content = sandbox.parameters()
+    content["styles"]["side"].append("dragon")
+    sandbox.write_parameters(content)
+    assert_one_sentence(run(sandbox, "merge"), "styles.side names the unknown object 'dragon'")
+
+
+def test_a_missing_mesh_file_is_named(sandbox):
+    content = sandbox.parameters()
+    content["meshes"]["mug"] = {"file": "data/raw/mug.stl"}
+    sandbox.write_parameters(content)
+    assert_one_sentence(run(sandbox, "prepare", "--mesh", "mug"), "data/raw/mug.stl")
+    assert not (sandbox / "data/prepare").exists()
+
+
+def test_a_file_that_is_no_mesh_is_named(sandbox):
+    content = sandbox.parameters()
+    content["meshes"]["mug"] = {"file": "data/raw/mug.stl"}
+    sandbox.write_parameters(content)
+    (sandbox / "data/raw/mug.stl").write_text("this is no mesh")
+    assert_one_sentence(run(sandbox, "prepare", "--mesh", "mug"), "data/raw/mug.stl")
+    assert list((sandbox / "data/prepare").glob("*")) == []
+
+
+def test_an_unknown_scan_is_named(sandbox):
+    content = sandbox.parameters()
+    content["objects"]["mug"] = {"ycb": "999_mug"}
+    sandbox.write_parameters(content)
+    assert_one_sentence(run(sandbox, "prepare", "--object", "mug"), "999_mug")
+
+
+def test_a_file_in_the_way_of_the_output_is_named(sandbox):
+    (sandbox / "data/prepare").write_text("a file, not a folder")
+    assert_one_sentence(run(sandbox, "prepare", "--object", "cube"), "cannot write data/prepare/cube")
+    assert (sandbox / "data/prepare").read_text() == "a file, not a folder"
+
+
+@pytest.mark.skipif(os.geteuid() != 0 or not shutil.which("unshare"), reason="a read-only mount needs root")
+def test_a_read_only_output_folder_is_named(sandbox):
+    folder = sandbox / "data/prepare"
+    folder.mkdir()
+    script = f"mount --bind {folder} {folder} && mount -o remount,ro,bind {folder} && exec "
+    command = f"{sys.executable} -m pipeline.prepare --object cube"
+    done = subprocess.run(
+        ["unshare", "--mount", "sh", "-c", script + command], cwd=sandbox.root, capture_output=True, text=True
+    )
+    if "ermitted" in done.stderr or "ermission denied" in done.stderr:
+        pytest.skip("this machine lets nobody mount")
+    assert_one_sentence(done, "cannot write data/prepare/cube: the folder is read-only; make it writable")
+    assert list(folder.iterdir()) == []
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_an_output_folder_without_write_permission_is_named(sandbox):
+    folder = sandbox / "data/prepare"
+    folder.mkdir(mode=0o555)
+    assert_one_sentence(run(sandbox, "prepare", "--object", "cube"), "the folder is read-only")
+
+
+def test_params_that_are_no_yaml_are_one_sentence(sandbox):
+    (sandbox / "params.yaml").write_text("seed: [1\n")
+    assert_one_sentence(run(sandbox, "merge"), "params.yaml is not valid YAML")
+
+
+def test_outside_the_repository_the_place_is_named(sandbox, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "pipeline.merge"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(sandbox.root)},
+    )
+    assert_one_sentence(done, "params.yaml is missing; run in the repository's root")
+
+
+def test_the_committed_parameters_parse(sources):
+    assert yaml.safe_load((sources / "params.yaml").read_text())["scale"] == "demo"

