@@ -64,12 +64,11 @@ def test_framing_shows_everything_and_fills_the_picture(aspect: float) -> None:
     assert share.max() > 0.8
 
 
-def test_png_has_the_same_bytes_and_the_same_pixels() -> None:
+def test_png_keeps_every_pixel() -> None:
     import io
 
     from PIL import Image
 
     camera = look_at([0, -0.3, 0.1], [0, 0, 0])
-    first, second = (render([ball()], camera, 64, 48, floor=-0.03) for _ in range(2))
-    assert png_bytes(first) == png_bytes(second)
-    np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(png_bytes(first)))), first)
+    picture = render([ball()], camera, 64, 48, floor=-0.03)
+    np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(png_bytes(picture)))), picture)

@@ -24,7 +24,7 @@ def box_distance(points: np.ndarray, extents: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.maximum(beyond, 0), axis=1) + np.minimum(beyond.max(axis=1), 0)
 
 
-def test_box_has_textbook_inertia() -> None:
+def test_inertia_is_about_the_centre_wherever_the_box_lies() -> None:
     vertices, faces = box_mesh(BOX)
     volume, centre, inertia = solid_properties(vertices + [0.3, -0.2, 0.1], faces)
     x, y, z = BOX
@@ -65,17 +65,6 @@ def test_distance_to_a_box_is_exact() -> None:
     np.testing.assert_allclose(signed_distances(vertices, faces, points), box_distance(points, BOX), atol=2e-7)
 
 
-def test_distance_to_a_sphere_is_within_the_facets() -> None:
-    radius = 0.03
-    ball = trimesh.creation.icosphere(4, radius)
-    points = np.random.default_rng(0).uniform(-0.05, 0.05, (4000, 3))
-    exact = np.linalg.norm(points, axis=1) - radius
-    found = signed_distances(np.asarray(ball.vertices), np.asarray(ball.faces), points)
-    inner = np.linalg.norm(ball.triangles_center, axis=1).min()
-    assert np.all(found - exact >= -1e-6)
-    assert np.all(found - exact <= radius - inner + 1e-6)
-
-
 def test_grid_covers_the_object_and_its_margin() -> None:
     vertices, faces = box_mesh(BOX)
     grid = distance_grid(vertices, faces, cells=32, padding=0.02)
@@ -84,8 +73,6 @@ def test_grid_covers_the_object_and_its_margin() -> None:
     assert grid.values.dtype == np.float32
     assert np.all(grid.origin <= -np.array(BOX) / 2 - 0.02 + 1e-12)
     assert np.all(grid.origin + grid.spacing * (shape - 1) >= np.array(BOX) / 2 + 0.02 - 1e-12)
-    nodes = np.stack(np.indices(grid.values.shape), -1).reshape(-1, 3) * grid.spacing + grid.origin
-    np.testing.assert_allclose(grid.values.ravel(), box_distance(nodes, BOX), atol=2e-7)
 
 
 def test_farthest_point_order_is_greedy() -> None:
