@@ -56,9 +56,7 @@ def shown_grasps(merged: pd.DataFrame, preferred: Sequence[int], most: int = GRA
     return accepted.assign(_order=order).sort_values(["_order", "merged_id"]).head(most).drop(columns="_order")
 
 
-def grasp_record(
-    grasp: Mapping[str, Any], links: Sequence[tuple[str, NDArray[np.float64], str]]
-) -> dict[str, Any]:
+def grasp_record(grasp: Mapping[str, Any], links: Sequence[tuple[str, NDArray[np.float64], str]]) -> dict[str, Any]:
     """Return one merged grasp: the hand's links and both objects, placed in the hand frame.
 
     Args:
