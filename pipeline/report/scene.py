@@ -75,7 +75,7 @@ def object_pose(grasp: Mapping[str, Any], index: int) -> NDArray[np.float64]:
     return pose_matrix(grasp[f"position_hand_object{index}"], grasp[f"quaternion_hand_object{index}"])
 
 
-def hexadecimal(colour: Sequence[float]) -> str:
+def hexadecimal(colour: Sequence[float] | NDArray[np.float64]) -> str:
     """Return a colour (sRGB, 0 to 1) in the notation of HTML."""
     return "#" + "".join(f"{round(255 * channel):02x}" for channel in colour)
 
