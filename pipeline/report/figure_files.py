@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from typing import Any
 
 from pipeline.report.charts import ink_on, percent, scale_colour
 from pipeline.report.page import Strip
@@ -27,7 +28,7 @@ def heat_map_picture(pairs: Sequence[PairTrials]) -> bytes:
         colour = scale_colour(pair.success_rate)
         face = tuple(channel / 255 for channel in colour)
         axes.add_patch(Rectangle((column, row), 1, 1, facecolor=face, edgecolor="white", linewidth=3))
-        style = {"ha": "center", "va": "center", "color": ink_on(colour)}
+        style: dict[str, Any] = {"ha": "center", "va": "center", "color": ink_on(colour)}
         axes.text(column + 0.5, row + 0.42, percent(pair.success_rate).replace("\u202f", " "), fontsize=12, **style)
         axes.text(column + 0.5, row + 0.72, f"{pair.successes} of {pair.trials}", fontsize=8, **style)
     axes.set(xlim=(0, len(seconds)), ylim=(len(firsts), 0))

@@ -101,13 +101,15 @@ def build_page(content: PageContent, plotly_source: str) -> str:
         ("merge", "Merging", merge_section(content.merges)),
         ("versions", "Versions and durations", versions_section(content.versions)),
     ]
+    css = (here / "page.css").read_text()
     contents = "".join(f'<a href="#{key}">{escape(title)}</a>' for key, title, _ in sections)
     body = "".join(f'<section id="{key}"><h2>{escape(title)}</h2>\n{html}</section>\n' for key, title, html in sections)
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>Sequential grasping: report</title>\n<style>\n{(here / 'page.css').read_text()}</style></head>\n<body>\n"
-        f"<header><h1>One hand, two objects, one after the other</h1>\n{headline(content)}<nav>{contents}</nav></header>\n"
+        f"<title>Sequential grasping: report</title>\n<style>\n{css}</style></head>\n<body>\n"
+        "<header><h1>One hand, two objects, one after the other</h1>\n"
+        f"{headline(content)}<nav>{contents}</nav></header>\n"
         f"<main>\n{body}</main>\n"
         "<footer><p>Every figure comes from the tables under <code>data/</code>; <code>docs/metrics.md</code> defines "
         "each key of <code>reports/summary.json</code>.</p></footer>\n"
@@ -152,15 +154,15 @@ def headline(content: PageContent) -> str:
 def seen_section(content: PageContent) -> str:
     """Return the paragraph that says what this page is about and how success is judged."""
     return (
-        "<p>A simulated Panda arm with an Allegro hand picks up a first object with thumb, index and middle finger, keeps "
-        "it, and picks up a second object with ring finger and palm. Grasps of single objects are synthesized, tested in "
-        "physics, merged into grasps of two objects, tested again, and then carried out on a table with planned motion "
-        "from placements that are off by a few millimetres.</p>\n"
+        "<p>A simulated Panda arm with an Allegro hand picks up a first object with thumb, index and middle finger, "
+        "keeps it, and picks up a second object with ring finger and palm. Grasps of single objects are synthesized, "
+        "tested in physics, merged into grasps of two objects, tested again, and then carried out on a table with "
+        "planned motion from placements that are off by a few millimetres.</p>\n"
         f"<p>A trial succeeds when both objects are at least {100 * content.success_height:g} cm above where they "
         f"rested for {content.hold_seconds:g} s. "
         "Beside it stands the rule of the paper’s released code: both more than 10 cm up at the end of the lift. "
-        "Rows that failed are kept in all tables with the first check that they failed; rates are counted from those rows."
-        "</p>\n"
+        "Rows that failed are kept in all tables with the first check that they failed; rates are counted from those "
+        "rows.</p>\n"
     )
 
 
@@ -224,8 +226,8 @@ def _paper_success(summary: Mapping[str, Value], prefix: str, pairs: Sequence[Pa
 def pairs_section(views: Sequence[PairView]) -> str:
     """Return, for every pair, its grasp in 3D and the strips of its trials."""
     legend = (
-        "<p>Left: merged grasps in the frame of the hand (first object orange, second blue); drag to turn, scroll to zoom. "
-        "Right: moments of one trial, named by the phase of the sequence.</p>\n"
+        "<p>Left: merged grasps in the frame of the hand (first object orange, second blue); drag to turn, scroll to "
+        "zoom. Right: moments of one trial, named by the phase of the sequence.</p>\n"
     )
     return legend + "".join(_pair_view(view) for view in views)
 
@@ -303,8 +305,8 @@ def merge_section(merges: Sequence[PairMerge]) -> str:
 def versions_section(versions: Mapping[str, str]) -> str:
     """Return package versions and where the durations are."""
     return (
-        '<p>How long each stage took on the machine that ran it: <a href="durations.html">durations.html</a>, beside this '
-        "page. It is a page of its own because durations differ from run to run, and this page does not.</p>\n"
+        '<p>How long each stage took on the machine that ran it: <a href="durations.html">durations.html</a>, beside '
+        "this page. It is a page of its own because durations differ from run to run, and this page does not.</p>\n"
         + table(["package", "version"], [[name, version] for name, version in sorted(versions.items())])
     )
 

@@ -56,9 +56,7 @@ def shown_grasps(merged: pd.DataFrame, preferred: Sequence[int], most: int = GRA
     return accepted.assign(_order=order).sort_values(["_order", "merged_id"]).head(most).drop(columns="_order")
 
 
-def grasp_record(
-    grasp: Mapping[str, Any], links: Sequence[tuple[str, NDArray[np.float64], str]]
-) -> dict[str, Any]:
+def grasp_record(grasp: Mapping[str, Any], links: Sequence[tuple[str, NDArray[np.float64], str]]) -> dict[str, Any]:
     """Return one merged grasp: the hand's links and both objects, placed in the hand frame.
 
     Args:
@@ -77,7 +75,7 @@ def object_pose(grasp: Mapping[str, Any], index: int) -> NDArray[np.float64]:
     return pose_matrix(grasp[f"position_hand_object{index}"], grasp[f"quaternion_hand_object{index}"])
 
 
-def hexadecimal(colour: Sequence[float]) -> str:
+def hexadecimal(colour: Sequence[float] | NDArray[np.float64]) -> str:
     """Return a colour (sRGB, 0 to 1) in the notation of HTML."""
     return "#" + "".join(f"{round(255 * channel):02x}" for channel in colour)
 

@@ -62,8 +62,8 @@ def result_key(summary: Mapping[str, Any], parameters: Mapping[str, Any], stages
 def stage_metrics(stage: str, metrics: Mapping[str, float]) -> dict[str, float]:
     """Return the metrics of one stage, under names that are the same for every object.
 
-    ``validate-pinch@cube`` gets ``validate.pinch.cube.survival_rate`` as ``survival_rate``; the stages of pairs keep the
-    pair in the name: ``merge`` gets ``cube--soup_can.accepted``, ``evaluate-synthesized@cube`` its own pairs alike.
+    ``validate-pinch@cube`` gets ``validate.pinch.cube.survival_rate`` as ``survival_rate``; the stages of pairs keep
+    the pair in the name: ``merge`` gets ``cube--soup_can.accepted``, ``evaluate-synthesized@cube`` its own pairs alike.
     """
     kind, _, item = stage.partition("@")
     prefix = kind.replace("-", ".") + "."

@@ -127,7 +127,9 @@ def write_record(
         _delete_unfinished(client, home)
         if _first_run(client, home, f"tags.`{KEY_TAG}` = '{record.key}'"):
             return False
-        parent = client.create_run(home, run_name=record.key[:12], tags={**tags, KIND_TAG: "result", KEY_TAG: record.key})
+        parent = client.create_run(
+            home, run_name=record.key[:12], tags={**tags, KIND_TAG: "result", KEY_TAG: record.key}
+        )
         _log(client, parent.info.run_id, record.parameters, record.metrics)
         for artifact in artifacts:
             client.log_artifact(parent.info.run_id, str(artifact))

@@ -106,7 +106,14 @@ def test_the_page_is_well_formed_and_fetches_nothing(content):
 
 def test_the_page_shows_the_pair_its_trials_and_the_paper(content):
     text = " ".join(parsed(build_page(content, "")).texts)
-    for words in ("cube + can", "Trial 0, success", "failed: dropped in hold", "82.7\u202f%", "3.3\u202f%", "plan second"):
+    for words in (
+        "cube + can",
+        "Trial 0, success",
+        "failed: dropped in hold",
+        "82.7\u202f%",
+        "3.3\u202f%",
+        "plan second",
+    ):
         assert words in text
     page = build_page(content, "")
     assert 'data-pair="cube--can"' in page

@@ -16,7 +16,7 @@ LOCK = {
         "report": {"cmd": "x", "outs": [{"path": "reports/index.html", "md5": "cc"}]},
     },
 }
-NAMES = stage_names({"pinch": ["cube"], "side": ["can"]}, ["cube", "can"], ["synthesized"])
+NAMES = stage_names({"pinch": ["cube"], "side": ["can", "mug"]}, ["cube", "can"], ["mug"], ["synthesized"])
 
 
 def stages(lock=LOCK):
@@ -35,7 +35,7 @@ def test_flat_parameters():
 def test_only_live_stages_are_taken_from_the_lock():
     assert [stage.name for stage in stages()] == ["merge", "report"]
     assert stages()[0].parameters == {"seed": 1, "merge.grasps_per_pair": 4}
-    assert NAMES[:4] == ["prepare@cube", "prepare@can", "synthesize-pinch@cube", "synthesize-side@can"]
+    assert NAMES[:4] == ["prepare@cube", "prepare@can", "prepare-mesh@mug", "synthesize-pinch@cube"]
 
 
 @pytest.mark.parametrize(
