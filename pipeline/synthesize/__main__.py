@@ -1,4 +1,4 @@
-"""Synthesize grasp candidates of one object in one style: ``python -m pipeline.synthesize --style pinch --object cube``."""
+"""Synthesize grasp candidates of one object in one style, one row per chain."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.hand.allegro import load_hand
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
-from pipeline.synthesize.energy import EnergyScene, Grasps, block_order, contact_shares, contact_slots
+from pipeline.synthesize.energy import EnergyScene, Grasps
 from tests.synthesize import shapes
 from tests.synthesize.energy_oracle import EnergyOracle
 
@@ -71,4 +71,4 @@ def test_terms_and_gradient_equal_autograd(prepared, style, contacts, energy):
     assert smooth.sum() >= 8
     assert errors[smooth].max() <= 1e-4
     assert (terms.penetration > 0).sum() >= 6 and (terms.table > 0).sum() >= 6
-    assert (terms.self_penetration > 0).sum() >= 4 and (terms.joints > 0).sum() >= 8
+    assert (terms.self_penetration > 0).sum() >= 3 and (terms.joints > 0).sum() >= 8
