@@ -283,7 +283,7 @@ def single_section(funnels: Sequence[Funnel]) -> str:
         "paper: successes per batch under its own schedule, its own table simulation and its rule that some contact "
         "remains. The last column applies that rule to the grasps here on which it was decided.</p>\n"
         f"{table(headers, rows)}"
-        "<h3>Synthesis: chains by the first limit of the filter that they exceed</h3>\n"
+        "<h3>Synthesis: chains by the first check of the filter that they failed</h3>\n"
         + bars_with_table(chains, PASSED, "Fate of chains per object", "object")
         + "<h3>Validation: grasps that passed the filter, by the first check of physics that they failed</h3>\n"
         + bars_with_table(physics, PASSED, "Fate of tested grasps per object", "object")

@@ -1,4 +1,4 @@
-"""Synthesize grasp candidates of one object in one style, one row per chain."""
+"""Synthesize grasp candidates: ``python -m pipeline.synthesize --style pinch --object cube``."""
 
 from __future__ import annotations
 

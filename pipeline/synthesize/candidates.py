@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from pipeline.compute.fan_out import fan_out
 from pipeline.hand.allegro import load_hand
@@ -54,18 +55,27 @@ def split_chains(request: Request) -> list[Block]:
     return blocks
 
 
-def run_block(block: Block) -> tuple[Grasps, Terms]:
-    """Return the best states of a block's chains."""
+def first_states(
+    block: Block, scene: EnergyScene
+) -> tuple[Grasps, list[NDArray[np.float64]], NDArray[np.bool_], NDArray[np.int64]]:
+    """Return what the chains of a block start from: states, contact slots, free joints (16,), seeds of the chains."""
     request, hand = block.request, load_hand()
     settings = request.settings
     key = "+".join(block.fingers)
     slots = contact_slots(hand, block.fingers, settings.contacts[key], settings.distal_links.get(key, ALL_LINKS))
-    scene = EnergyScene(request.prepared, request.energy, settings, request.device)
     identity = ("synthesize", request.prepared.name, request.style)
     generators = [item_generator(request.run_seed, *identity, chain) for chain in block.chains]
     seeds = np.array([item_seed(request.run_seed, *identity, chain) & 0x7FFFFFFF for chain in block.chains])
     first = draw_seeds(scene, hand, request.style, settings, slots, generators)
-    best, _ = run_chains(scene, request.optimizer, settings.iterations, first, slots, free_joints(request.style), seeds)
+    return first, slots, free_joints(request.style), seeds
+
+
+def run_block(block: Block) -> tuple[Grasps, Terms]:
+    """Return the best states of a block's chains and their terms."""
+    request, hand = block.request, load_hand()
+    scene = EnergyScene(request.prepared, request.energy, request.settings, request.device)
+    first, slots, free, seeds = first_states(block, scene)
+    best, _ = run_chains(scene, request.optimizer, request.settings.iterations, first, slots, free, seeds)
     # The energy only leans against the limits, so that the best state may lie a little beyond.
     best.q = np.clip(best.q, hand.lower, hand.upper)
     return best, scene.evaluate(best)[0]

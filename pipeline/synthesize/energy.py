@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pipeline.hand.allegro import FINGER_LINKS, FINGERS, Hand, load_hand
+from pipeline.hand.allegro import FINGER_LINKS, Hand, load_hand
 from pipeline.hand.surface import hand_surface, mount_surface
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
@@ -366,6 +366,3 @@ def contact_slots(hand: Hand, fingers: Sequence[str], count: int, distal_links: 
             own[np.array(hand.contact_finger) != fingers[slot]] = 0.0
         slots.append(own / own.sum())
     return slots
-
-
-assert set(OPPOSING_FINGERS) <= set(FINGERS)

@@ -112,7 +112,7 @@ def draw_seeds(
     """Return the first states of several chains, each from its own generator, free of collisions where possible."""
     best: list[Grasps | None] = [None] * len(generators)
     least = np.full(len(generators), np.inf)
-    open_chains = np.arange(len(generators))
+    open_chains = list(range(len(generators)))
     for _ in range(ATTEMPTS):
         draws = [draw_seed(hand, style, settings, slots, generators[int(chain)]) for chain in open_chains]
         terms, _ = scene.evaluate(join(draws))
@@ -120,7 +120,7 @@ def draw_seeds(
         for chain, draw, value in zip(open_chains, draws, overlap, strict=True):
             if value < least[chain]:
                 best[chain], least[chain] = draw, value
-        open_chains = open_chains[overlap > 0]
-        if len(open_chains) == 0:
+        open_chains = [chain for chain, value in zip(open_chains, overlap, strict=True) if value > 0]
+        if not open_chains:
             break
     return join([draw for draw in best if draw is not None])

@@ -16,7 +16,7 @@ def test_sections_exist_in_the_committed_parameters(repository: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--object", "teapot"), "there is no object 'teapot'"),
+        (("--object", "teapot"), "styles.pinch does not name 'teapot'"),
         (("--object", "cube"), "data/merge/cube--slender_cylinder.parquet is missing; run `dvc repro merge`"),
     ],
 )

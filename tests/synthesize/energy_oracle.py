@@ -1,4 +1,4 @@
-"""The grasp energy written down densely in torch over pytorch_kinematics: slow, plain, float64.
+"""The grasp energy written down densely in torch over pytorch_kinematics: slow, plain, float64, autograd.
 
 Used by tests only. It shares with the kernel the hand's description and nothing else.
 """
