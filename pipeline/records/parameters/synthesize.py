@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from pipeline.records.parameters.section import Section
 
@@ -82,6 +82,24 @@ class StyleParameters(Section):
     full_yaw: bool = Field(
         False, description="Draw first headings over the full circle. Paper's code: about +-59 degrees."
     )
+
+    @model_validator(mode="after")
+    def _sets_agree(self) -> StyleParameters:
+        names = {"+".join(fingers): fingers for fingers in self.finger_sets}
+        for name, fingers in names.items():
+            if len(set(fingers)) != len(fingers):
+                raise ValueError(f"finger_sets: {name} names a finger twice")
+            if self.contacts.get(name, 0) < len(fingers):
+                raise ValueError(f"contacts.{name} must be given and be at least {len(fingers)}, one per finger")
+        for field, values in (("contacts", self.contacts), ("distal_links", self.distal_links)):
+            for name in values:
+                if name not in names:
+                    raise ValueError(f"{field} names {name!r}, which is not in finger_sets")
+        if any(not 1 <= links <= 4 for links in self.distal_links.values()):
+            raise ValueError("distal_links must be 1 to 4")
+        if not 0 <= self.distance_from_palm[0] < self.distance_from_palm[1]:
+            raise ValueError("distance_from_palm must be two rising distances")
+        return self
 
 
 class SynthesizeParameters(Section):
