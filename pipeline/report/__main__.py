@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import json
 
 from pipeline.records import paths
-from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters
 from pipeline.records.running import run_stage
 from pipeline.records.versions import installed_versions
@@ -66,22 +64,7 @@ def work() -> None:
                 (folder / f"{view.name}-{kind}.jpg").write_bytes(strip_picture(strip))
     with whole_file(paths.REPORT_PAGE) as temporary:
         temporary.write_text(page, encoding="utf-8")
-    write_durations_page()
     write_json(paths.SUMMARY_FILE, summary)
-
-
-def write_durations_page() -> None:
-    """Set the durations known so far beside the page; they differ from run to run and belong to no output."""
-    from pipeline.report.page import build_durations_page
-
-    try:
-        durations = json.loads(paths.DURATIONS_FILE.read_text())
-    except FileNotFoundError:
-        durations = {}
-    except ValueError as error:
-        raise UserError(f"{paths.DURATIONS_FILE} is not valid JSON; delete it, stages write it again.") from error
-    with whole_file(paths.DURATIONS_PAGE) as temporary:
-        temporary.write_text(build_durations_page(durations), encoding="utf-8")
 
 
 def main() -> int:

@@ -303,27 +303,9 @@ def merge_section(merges: Sequence[PairMerge]) -> str:
 
 
 def versions_section(versions: Mapping[str, str]) -> str:
-    """Return package versions and where the durations are."""
+    """Return package versions, and where to find durations."""
     return (
-        '<p>How long each stage took on the machine that ran it: <a href="durations.html">durations.html</a>, beside '
-        "this page. It is a page of its own because durations differ from run to run, and this page does not.</p>\n"
+        "<p>How long each stage took is in MLflow and in <code>reports/durations.json</code>: they differ from run "
+        "to run, and this page does not.</p>\n"
         + table(["package", "version"], [[name, version] for name, version in sorted(versions.items())])
-    )
-
-
-def build_durations_page(durations: Mapping[str, Mapping[str, float]]) -> str:
-    """Return the page of durations, which is no output of the pipeline."""
-    rows = [
-        [stage, f"{cost['wall_seconds']:.1f}", f"{cost['cpu_seconds']:.1f}"]
-        + [f"{cost['peak_megabytes_largest_process']:.0f}"]
-        for stage, cost in sorted(durations.items())
-    ]
-    headers = ["stage", "wall time (s)", "CPU time (s)", "peak memory of the largest process (MB)"]
-    css = (Path(__file__).parent / "page.css").read_text()
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>Sequential grasping: durations</title>\n'
-        f"<style>\n{css}</style></head>\n<body><header><h1>Durations</h1>"
-        '<nav><a href="index.html">Back to the report</a></nav></header>\n<main><section>'
-        "<p>The last time each stage ran here. A stage whose result was reused keeps its older entry.</p>\n"
-        f"{table(headers, rows)}</section></main></body></html>\n"
     )

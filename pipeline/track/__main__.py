@@ -81,7 +81,7 @@ def work() -> None:
     names = stage_names(parameters["styles"], parameters["objects"], parameters["meshes"], SOURCES)
     durations = read_json(paths.DURATIONS_FILE, "report") if paths.DURATIONS_FILE.exists() else {}
     record = build_record(summary, flatten(parameters), locked_stages(read_lock(), names), durations)
-    pages = [paths.REPORT_PAGE, paths.DURATIONS_PAGE, paths.SUMMARY_FILE]
+    pages = [paths.REPORT_PAGE, paths.SUMMARY_FILE]
     new = write_record(
         Path.cwd(),
         parameters["track"]["experiment"],

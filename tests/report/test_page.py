@@ -14,7 +14,7 @@ from pipeline.records.poses import pose_matrix
 from pipeline.report.charts import heat_map, ordered_categories, scale_colour, stacked_bars, table
 from pipeline.report.chosen_trials import choose_trials, chosen_moments
 from pipeline.report.figure_files import heat_map_picture, strip_picture
-from pipeline.report.page import PageContent, Strip, build_durations_page, build_page, inert_json
+from pipeline.report.page import PageContent, Strip, build_page, inert_json
 from pipeline.report.rates import pair_merge, pair_trials, single_grasp_funnel
 from pipeline.report.scene import UNIT, decimated, fractions, hexadecimal, shape_record, shown_grasps
 from pipeline.report.summary import summarize
@@ -209,10 +209,3 @@ def test_strips_name_the_outcome(content):
     success, failure = content.views[0].strips
     assert isinstance(success, Strip) and not success.failed and failure.failed
     assert success.captions == ["settle", "hold"]
-
-
-def test_durations_are_a_page_of_their_own():
-    cost = {"wall_seconds": 1.25, "cpu_seconds": 2.0, "peak_megabytes_largest_process": 300.4}
-    text = " ".join(parsed(build_durations_page({"merge": cost})).texts)
-    assert "merge" in text and "300" in text
-    parsed(build_durations_page({}))
