@@ -21,13 +21,22 @@ def sections(object_name: str) -> list[str]:
 
 
 def evaluate(source: str, first: str) -> None:
-    """Run all trials of the pairs that begin with ``first`` and write their table."""
+    """Run all trials of the pairs that begin with ``first`` and write their table.
+
+    Raises:
+        UserError: an input is missing or damaged, or the control frequency does not fit that of physics.
+    """
     parameters = load_parameters(sections(first))
     workers = read_parameters().compute.workers
     styles = parameters["styles"]
     if first not in styles.pinch:
         raise UserError(
             f"params.yaml: styles.pinch does not name {first!r}; add it there, or use one of {', '.join(styles.pinch)}."
+        )
+    if parameters["physics"].frequency % parameters["evaluate"].control_frequency:
+        raise UserError(
+            "params.yaml: evaluate.control_frequency must divide physics.frequency "
+            f"({parameters['physics'].frequency}); correct it there."
         )
 
     import pandas as pd
