@@ -12,8 +12,9 @@ from pipeline.records.writing import whole_file, whole_folder, write_json
 
 
 def sections() -> list[str]:
-    """Parameter sections that the stage declares."""
-    return ["scale", "styles", "evaluate", "report"]
+    """Parameter sections that the stage declares: all that its page shows, so all on which results depend."""
+    stages = ["prepare", "synthesize", "physics", "validate", "merge", "evaluate", "report"]
+    return ["scale", "seed", "styles", "objects", "meshes", *stages]
 
 
 def work() -> None:
@@ -24,10 +25,13 @@ def work() -> None:
     from pipeline.report.page import PageContent, build_page
     from pipeline.report.rates import pair_merge, pair_trials, single_grasp_funnel
     from pipeline.report.scene import UNIT
+    from pipeline.report.settings import described
     from pipeline.report.summary import summarize
     from pipeline.report.tables import SOURCES, load_tables
 
     styles, evaluate = parameters["styles"], parameters["evaluate"]
+    settings = {name: list(described(name, value)) for name, value in parameters.items()}
+    settings = {"run": settings.pop("scale") + settings.pop("seed"), **settings}
     tables = load_tables(styles)
     funnels = [
         single_grasp_funnel(style, name, candidates, tables.validated[style, name])
@@ -51,6 +55,7 @@ def work() -> None:
         success_height=evaluate.success_height,
         hold_seconds=evaluate.hold_seconds,
         versions=installed_versions(),
+        settings=settings,
     )
     from plotly.offline import get_plotlyjs
 

@@ -12,7 +12,9 @@ from typing import Any
 
 from pipeline.report import paper
 from pipeline.report.charts import bars_with_table, heat_map, percent, table
+from pipeline.report.meanings import MERGE, SYNTHESIS, TRIALS, VALIDATION, explained
 from pipeline.report.rates import Funnel, PairMerge, PairTrials, ratio, wilson_interval
+from pipeline.report.settings import Row
 from pipeline.report.summary import Value
 
 PASSED = "passed"
@@ -60,6 +62,7 @@ class PageContent:
     success_height: float  # m
     hold_seconds: float
     versions: Mapping[str, str]
+    settings: Mapping[str, Sequence[Row]]  # per section of params.yaml
 
 
 def data_uri(jpeg: bytes) -> str:
@@ -99,6 +102,7 @@ def build_page(content: PageContent, plotly_source: str) -> str:
         ("pairs", "Every pair: grasps and trials", pairs_section(content.views)),
         ("single", "Single grasps", single_section(content.funnels)),
         ("merge", "Merging", merge_section(content.merges)),
+        ("settings", "Settings", settings_section(content.settings)),
         ("versions", "Versions and durations", versions_section(content.versions)),
     ]
     css = (here / "page.css").read_text()
@@ -201,7 +205,9 @@ def success_section(content: PageContent, source: str, pairs: Sequence[PairTrial
         "<p>Rows: the object picked up first. Columns: the object picked up second.</p>\n"
         f'<div class="beside">{heat_map(firsts, seconds, rates, notes)}{_paper_success(summary, prefix, pairs)}</div>\n'
         f"{table(headers, rows)}"
-        "<h3>Why trials failed</h3>\n" + bars_with_table(bars, SUCCESS, "Outcomes of trials per pair", "pair")
+        "<h3>Why trials failed</h3>\n"
+        + bars_with_table(bars, SUCCESS, "Outcomes of trials per pair", "pair")
+        + explained((reason for p in pairs for reason in p.reasons), TRIALS)
     )
 
 
@@ -287,8 +293,10 @@ def single_section(funnels: Sequence[Funnel]) -> str:
         f"{table(headers, rows)}"
         "<h3>Synthesis: chains by the first check of the filter that they failed</h3>\n"
         + bars_with_table(chains, PASSED, "Fate of chains per object", "object")
+        + explained((check for f in funnels for check in f.synthesize_rejected), SYNTHESIS)
         + "<h3>Validation: grasps that passed the filter, by the first check of physics that they failed</h3>\n"
         + bars_with_table(physics, PASSED, "Fate of tested grasps per object", "object")
+        + explained((check for f in funnels for check in f.validate_rejected), VALIDATION)
     )
 
 
@@ -299,6 +307,20 @@ def merge_section(merges: Sequence[PairMerge]) -> str:
         "<p>Combinations of a pinch grasp and a side grasp that were tried for each pair, by the first check that they "
         "failed. Combinations are tried in random order until enough are accepted, so the counts differ.</p>\n"
         + bars_with_table(bars, PASSED, "Fate of combinations per pair", "pair")
+        + explained((check for m in merges for check in m.rejected), MERGE)
+    )
+
+
+def settings_section(settings: Mapping[str, Sequence[Row]]) -> str:
+    """Return all parameters, one table to open per section of ``params.yaml``."""
+    folds = "".join(
+        f'<details><summary>{escape(section)}</summary><div class="settings">'
+        f"{table(['parameter', 'value', 'meaning'], rows)}</div></details>\n"
+        for section, rows in settings.items()
+    )
+    return (
+        "<p>All of <code>params.yaml</code> on which results depend. What differs from the paper, and why, is in "
+        f"<code>docs/departures.md</code>.</p>\n{folds}"
     )
 
 

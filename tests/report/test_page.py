@@ -17,6 +17,7 @@ from pipeline.report.figure_files import heat_map_picture, strip_picture
 from pipeline.report.page import PageContent, Strip, build_page, inert_json
 from pipeline.report.rates import pair_merge, pair_trials, single_grasp_funnel
 from pipeline.report.scene import UNIT, decimated, fractions, hexadecimal, shape_record, shown_grasps
+from pipeline.report.settings import described
 from pipeline.report.summary import summarize
 from pipeline.report.tables import Tables
 from tests.report import made_up
@@ -93,13 +94,14 @@ def content(tables) -> PageContent:
         success_height=0.2,
         hold_seconds=2.0,
         versions={"python": "3"},
+        settings={"report": list(described("report", settings))},
     )
 
 
 def test_the_page_is_well_formed_and_fetches_nothing(content):
     page = build_page(content, "/* library */")
     parsed(page)
-    assert re.findall(r'(?:src|href)="(?!data:|#|durations\.html)[^"]*"', page) == []
+    assert re.findall(r'(?:src|href)="(?!data:|#)[^"]*"', page) == []
     assert page.count("/* library */") == 1
     assert page == build_page(content, "/* library */")
 
@@ -113,6 +115,10 @@ def test_the_page_shows_the_pair_its_trials_and_the_paper(content):
         "82.7\u202f%",
         "3.3\u202f%",
         "plan second",
+        "no collision-free motion to the second object was found, the first in the hand",
+        "an object overlaps or nearly touches a part of the hand that does not hold it",
+        "report.picture_width",
+        "Most moments shown of a trial, spread evenly over its phases.",
     ):
         assert words in text
     page = build_page(content, "")
