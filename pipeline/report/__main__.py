@@ -25,12 +25,12 @@ def work() -> None:
     from pipeline.report.page import PageContent, build_page
     from pipeline.report.rates import pair_merge, pair_trials, single_grasp_funnel
     from pipeline.report.scene import UNIT
-    from pipeline.report.settings import described
+    from pipeline.report.settings import section_rows
     from pipeline.report.summary import summarize
     from pipeline.report.tables import SOURCES, load_tables
 
     styles, evaluate = parameters["styles"], parameters["evaluate"]
-    settings = {name: list(described(name, value)) for name, value in parameters.items()}
+    settings = {name: list(section_rows(name, value)) for name, value in parameters.items()}
     settings = {"run": settings.pop("scale") + settings.pop("seed"), **settings}
     tables = load_tables(styles)
     funnels = [

@@ -8,11 +8,19 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from pipeline.records.parameters import Parameters
+
 Row = tuple[str, str, str]  # dotted name, value, meaning
 
 
+def section_rows(name: str, value: Any) -> Iterator[Row]:
+    """Return the rows of one section of ``params.yaml``, such as ``merge`` or ``seed``."""
+    field = Parameters.model_fields.get(name)
+    return described(name, value, (field.description if field else None) or "")
+
+
 def described(name: str, value: Any, meaning: str = "") -> Iterator[Row]:
-    """Return one row per value of a section of ``params.yaml``; values that do not apply (not stated) are left out."""
+    """Return one row per value; fields that params.yaml does not state, as they do not apply, are left out."""
     if isinstance(value, BaseModel):
         for key, field in type(value).model_fields.items():
             if key in value.model_fields_set:
@@ -21,4 +29,4 @@ def described(name: str, value: Any, meaning: str = "") -> Iterator[Row]:
         for key, item in value.items():
             yield from described(f"{name}.{key}", item, meaning)
     else:
-        yield name, value if isinstance(value, str) else json.dumps(value), meaning
+        yield name, value if isinstance(value, str) else json.dumps(value) if value != {} else "none", meaning

@@ -10,7 +10,7 @@ from pipeline.evaluate.trial import run_trial
 from pipeline.merge.combination import try_combination
 from pipeline.records.parameters import read_parameters
 from pipeline.report.meanings import GRAVITY, MERGE, SYNTHESIS, TRIALS, VALIDATION, explained
-from pipeline.report.settings import described
+from pipeline.report.settings import described, section_rows
 from pipeline.synthesize import candidates
 from pipeline.synthesize.scoring import first_failures
 from pipeline.validate import table
@@ -60,4 +60,6 @@ def test_settings_are_all_stated_values_with_their_meaning(repository, monkeypat
     assert [name for name, _, meaning in rows if not meaning] == []
     values = {name: value for name, value, _ in rows}
     assert values["synthesize.pinch.mount_clearance"] == "null" and values["objects.plum.ycb"] == "018_plum"
-    assert list(described("meshes", {})) == [("meshes", "{}", "")]
+    assert [(name, value) for name, value, _ in section_rows("meshes", {})] == [("meshes", "none")]
+    (seed,) = section_rows("seed", 1)
+    assert seed[:2] == ("seed", "1") and seed[2].startswith("Run seed")
