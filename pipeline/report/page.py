@@ -94,7 +94,7 @@ def build_page(content: PageContent, plotly_source: str) -> str:
     scene_data = inert_json({"unit": content.shape_unit, "shapes": content.shapes, "pairs": scenes})
     library = plotly_source.replace("</script", "<\\/script")
     sections = [
-        ("seen", "What is seen", seen_section(content)),
+        ("done", "What was done", done_section(content)),
         *[
             (f"success-{source}", f"Success: {SOURCE_TITLES[source]}", success_section(content, source, pairs))
             for source, pairs in content.trials.items()
@@ -155,7 +155,7 @@ def headline(content: PageContent) -> str:
     )
 
 
-def seen_section(content: PageContent) -> str:
+def done_section(content: PageContent) -> str:
     """Return the paragraph that says what this page is about and how success is judged."""
     return (
         "<p>A simulated Panda arm with an Allegro hand picks up a first object with thumb, index and middle finger, "
@@ -223,8 +223,8 @@ def _paper_success(summary: Mapping[str, Value], prefix: str, pairs: Sequence[Pa
         ["trials per pair", " / ".join(str(n) for n in sorted({p.trials for p in pairs})), str(paper.TRIALS_PER_PAIR)],
     ]
     note = (
-        '<p class="note">Of the published heat map only these figures are known here, not its single cells; its pairs '
-        "are those of all sixteen objects.</p>"
+        '<p class="note">Of the published heat map only these figures are known here, not its single cells. The paper’s '
+        "pairs are those of sixteen objects, so that the two means are over different pairs.</p>"
     )
     return f"<div>{table(['', 'here', 'paper'], rows)}{note}</div>"
 
@@ -286,6 +286,8 @@ def single_section(funnels: Sequence[Funnel]) -> str:
     chains = [(name, {PASSED: f.passed, **f.synthesize_rejected}) for name, f in names]
     physics = [(name, {PASSED: f.validated, **f.validate_rejected}) for name, f in names]
     return (
+        "<p>A chain is one run of the optimiser from one start; the filter sets limits on the terms of its energy; the "
+        "grasps that pass it are tested in physics.</p>\n"
         "<p>The two columns of rates are not the same measure. Ours: grasps that passed every check of physics "
         "(contact <em>and</em> drift in six gravity directions, execution from a table) per chain run. Table I of the "
         "paper: successes per batch under its own schedule, its own table simulation and its rule that some contact "
