@@ -223,8 +223,8 @@ def _paper_success(summary: Mapping[str, Value], prefix: str, pairs: Sequence[Pa
         ["trials per pair", " / ".join(str(n) for n in sorted({p.trials for p in pairs})), str(paper.TRIALS_PER_PAIR)],
     ]
     note = (
-        '<p class="note">Of the published heat map only these figures are known here, not its single cells. The paper’s '
-        "pairs are those of sixteen objects, so that the two means are over different pairs.</p>"
+        '<p class="note">Of the published heat map only these figures are known here, not its single cells. Its pairs '
+        "are those of sixteen objects, so that the two means are over different pairs.</p>"
     )
     return f"<div>{table(['', 'here', 'paper'], rows)}{note}</div>"
 
