@@ -79,8 +79,11 @@ class StyleParameters(Section):
     distance_from_palm: tuple[float, float] = Field(
         (0.05, 0.25), description="First distance palm to object, m. Paper's code: 0.05-0.25."
     )
-    full_yaw: bool = Field(
-        False, description="Draw first headings over the full circle. Paper's code: about +-59 degrees."
+    heading_spread: float = Field(
+        0.0,
+        ge=0,
+        le=3.1416,
+        description="First hands are turned about z by up to this to either side, rad. Paper's code: 0.",
     )
 
 
