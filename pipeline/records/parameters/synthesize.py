@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from pipeline.records.parameters.section import Section
 
@@ -85,6 +85,24 @@ class StyleParameters(Section):
         le=3.1416,
         description="First hands are turned about z by up to this to either side, rad. Paper's code: 0.",
     )
+
+    @model_validator(mode="after")
+    def _finger_sets_can_hold(self) -> Self:
+        keys = ["+".join(fingers) for fingers in self.finger_sets]
+        for key, fingers in zip(keys, self.finger_sets, strict=True):
+            if len(set(fingers)) < len(fingers):
+                raise ValueError(f"the finger set {key} names a finger twice")
+            if self.contacts.get(key, 0) < len(fingers):
+                raise ValueError(f"contacts needs an entry {key!r} of at least {len(fingers)}, one per finger")
+        for name in ("contacts", "distal_links"):
+            unknown = sorted(set(getattr(self, name)) - set(keys))
+            if unknown:
+                raise ValueError(f"{name} names {unknown[0]!r}, which is not in finger_sets; it has {', '.join(keys)}")
+        if any(not 1 <= count <= 4 for count in self.distal_links.values()):
+            raise ValueError("distal_links counts links of a finger, 1 to 4")
+        if not 0 < self.distance_from_palm[0] <= self.distance_from_palm[1]:
+            raise ValueError("distance_from_palm is a positive range, the smaller distance first")
+        return self
 
 
 class SynthesizeParameters(Section):
