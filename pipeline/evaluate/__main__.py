@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 
 from pipeline.records import paths
+from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.running import run_stage
 
@@ -16,13 +17,27 @@ SOURCES = ("synthesized",)
 
 def sections(object_name: str) -> list[str]:
     """Parameter sections that ``evaluate-<source>@<object>`` declares in ``dvc.yaml``."""
-    return ["seed", "styles.side", "physics", "evaluate", f"objects.{object_name}"]
+    return ["seed", "styles", "physics", "evaluate"]
 
 
 def evaluate(source: str, first: str) -> None:
-    """Run all trials of the pairs that begin with ``first`` and write their table."""
+    """Run all trials of the pairs that begin with ``first`` and write their table.
+
+    Raises:
+        UserError: an input is missing or damaged, or the control frequency does not fit that of physics.
+    """
     parameters = load_parameters(sections(first))
     workers = read_parameters().compute.workers
+    styles = parameters["styles"]
+    if first not in styles.pinch:
+        raise UserError(
+            f"params.yaml: styles.pinch does not name {first!r}; add it there, or use one of {', '.join(styles.pinch)}."
+        )
+    if parameters["physics"].frequency % parameters["evaluate"].control_frequency:
+        raise UserError(
+            "params.yaml: evaluate.control_frequency must divide physics.frequency "
+            f"({parameters['physics'].frequency}); correct it there."
+        )
 
     import pandas as pd
 
@@ -33,7 +48,7 @@ def evaluate(source: str, first: str) -> None:
     from pipeline.records.objects import load_prepared_object
     from pipeline.records.tables import MERGED, TRIALS, read_table, write_table
 
-    seconds = parameters["styles.side"]
+    seconds = styles.side
     grasps = {
         second: accepted_grasps(read_table(paths.merged_file(first, second), MERGED, "merge")) for second in seconds
     }

@@ -19,9 +19,11 @@ if TYPE_CHECKING:
 
 # Grasps touch the sponge within a millimetre; lines that begin or end there plan with a lower one.
 SPONGE_DROP = 0.004  # m
-# Shares of the arm's velocity and acceleration limits.
+# Shares of the arm's velocity and acceleration limits: free moves of the empty hand, free moves with an object held,
+# straight lines. Harder accelerations shake barely held objects off.
 FREE_SHARE = (0.5, 0.5)
-LINE_SHARE = (0.3, 0.18)
+HELD_SHARE = (0.5, 0.15)
+LINE_SHARE = (0.3, 0.1)
 SPLINE_SPACINGS = (0.15, 0.05)  # rad; the finer one follows the path more closely
 
 
@@ -141,13 +143,13 @@ def _approach(
     from pipeline.motion.paths import plan
     from pipeline.motion.timing import time_path
 
-    arm = worlds.arm
+    arm, share = worlds.arm, HELD_SHARE if task.held else FREE_SHARE
     for world in worlds.approach:
         path = plan(world.is_free, task.arm_q, goal, arm.lower, arm.upper, rng)
         if path is None:
             continue
         for spacing in SPLINE_SPACINGS:
-            motion = time_path(arm, path, settings.control_frequency, *FREE_SHARE, spacing=spacing)
+            motion = time_path(arm, path, settings.control_frequency, *share, spacing=spacing)
             if motion is not None and worlds.approach[-1].all_free(motion.positions):
                 return motion
     return None

@@ -1,4 +1,4 @@
-"""Ray-cast pictures of coloured bodies: smooth shading, one key light with a soft shadow, ambient light, a pale floor."""
+"""Ray-cast pictures of coloured bodies: smooth shading, a key light with a soft shadow, ambient light, a pale floor."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ SKY = np.array([0.93, 0.95, 0.98], np.float32)  # linear light, as all colours i
 FLOOR = np.array([0.72, 0.73, 0.75], np.float32)
 AMBIENT = 0.42
 KEY = 0.78
-LIGHT_SPREAD = 0.06  # of the light's direction between subsamples: the softness of shadows
+LIGHT_SPREAD = 0.07  # radius of the light, as a slope: the softness of shadows
+LIGHT_TILE = 4  # pixels; every pixel of a tile looks at other points of the light
 SUBSAMPLES = ((0.375, 0.125), (0.875, 0.375), (0.125, 0.625), (0.625, 0.875))  # rotated 2 x 2 grid
 NO_HIT = 0xFFFFFFFF
 
@@ -91,11 +92,11 @@ def _scene(bodies: Sequence[Body]) -> _Scene:
 def _lit(
     scene: _Scene, points: NDArray[np.float32], normals: NDArray[np.float32], light: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Return 1 where the key light reaches a point (n, 3), 0 in shadow or where the surface looks away."""
-    facing = normals @ light > 0
+    """Return 1 where the key light, direction (n, 3), reaches a point (n, 3); 0 in shadow or on a side turned away."""
+    facing = (normals * light).sum(axis=1) > 0
     lit = facing.astype(np.float32)
     start = points[facing] + 3e-4 * normals[facing]
-    query = np.concatenate([start, np.broadcast_to(light, start.shape)], axis=1).astype(np.float32)
+    query = np.concatenate([start, light[facing]], axis=1)
     if len(query):
         lit[facing] = ~scene.rays.test_occlusions(query, nthreads=1).numpy()
     return lit
@@ -112,7 +113,7 @@ def _shaded(
 ) -> NDArray[np.float32]:
     """Return linear colours (n, 3): hemisphere ambient, Lambert's key light, a small Blinn highlight."""
     lit = _lit(scene, points, normals, light)
-    diffuse = AMBIENT * (0.72 + 0.28 * normals[:, 2]) + KEY * lit * np.maximum(normals @ light, 0)
+    diffuse = AMBIENT * (0.72 + 0.28 * normals[:, 2]) + KEY * lit * np.maximum((normals * light).sum(axis=1), 0)
     half = light - view
     half /= np.linalg.norm(half, axis=1, keepdims=True)
     highlight = gloss * lit * np.maximum((normals * half).sum(axis=1), 0) ** 40
@@ -126,7 +127,7 @@ def _sample(
     light: NDArray[np.float32],
     floor: float | None,
 ) -> NDArray[np.float32]:
-    """Return linear colours (n, 3) seen along ``rays`` (n, 3) from ``origin`` (3,)."""
+    """Return linear colours (n, 3) along ``rays`` (n, 3) from ``origin`` (3,), lit from directions ``light`` (n, 3)."""
     query = np.concatenate([np.broadcast_to(origin, rays.shape), rays], axis=1)
     hits = scene.rays.cast_rays(query, nthreads=1)
     distance, body = hits["t_hit"].numpy(), hits["geometry_ids"].numpy()
@@ -138,7 +139,7 @@ def _sample(
         points = origin + rays[on_floor] * to_floor[on_floor, None]
         up = np.broadcast_to(np.array([0, 0, 1], np.float32), points.shape)
         colours = np.broadcast_to(FLOOR, points.shape)
-        shade = _shaded(scene, points, up, colours, rays[on_floor], light, 0.0)
+        shade = _shaded(scene, points, up, colours, rays[on_floor], light[on_floor], 0.0)
         # Fades into the background where it is seen at a glancing angle.
         haze = np.clip(1 - np.abs(rays[on_floor, 2]) / 0.25, 0, 1)[:, None] ** 2
         picture[on_floor] = shade * (1 - haze) + SKY * haze
@@ -152,8 +153,31 @@ def _sample(
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     normals *= np.where((normals * rays[seen]).sum(axis=1, keepdims=True) > 0.2, -1, 1)
     points = origin + rays[seen] * distance[seen, None]
-    picture[seen] = _shaded(scene, points, normals, scene.colours[body[seen]], rays[seen], light, 0.08)
+    picture[seen] = _shaded(scene, points, normals, scene.colours[body[seen]], rays[seen], light[seen], 0.08)
     return picture
+
+
+def _light_directions(camera: Camera, width: int, height: int, subsample: int) -> NDArray[np.float32]:
+    """Return unit directions (height * width, 3) towards points of the round key light.
+
+    The points of a tile of pixels and its subsamples lie on a sunflower spiral, so that together they cover the light.
+    """
+    right, _, forward = camera.axes()
+    flat = np.array([forward[0], forward[1], 0.0])
+    flat /= max(float(np.linalg.norm(flat)), 1e-9)
+    key = -0.45 * flat - 0.55 * right + np.array([0.0, 0.0, 1.0])
+    side = np.cross(key, [0.0, 0.0, 1.0])
+    side /= np.linalg.norm(side)
+    over = np.cross(side, key / np.linalg.norm(key))
+    tile = np.arange(LIGHT_TILE**2).reshape(LIGHT_TILE, LIGHT_TILE)
+    # 7 is coprime to the tile's 16 pixels: neighbours get points far apart on the spiral.
+    numbers = (tile * 7) % LIGHT_TILE**2 * len(SUBSAMPLES) + subsample
+    tiled = np.tile(numbers, (height // LIGHT_TILE + 1, width // LIGHT_TILE + 1))
+    number = tiled[:height, :width].reshape(-1)
+    radius = LIGHT_SPREAD * np.sqrt((number + 0.5) / (LIGHT_TILE**2 * len(SUBSAMPLES)))
+    angle = number * np.pi * (3 - np.sqrt(5))
+    light = key + (radius * np.cos(angle))[:, None] * side + (radius * np.sin(angle))[:, None] * over
+    return (light / np.linalg.norm(light, axis=1, keepdims=True)).astype(np.float32)
 
 
 def render(
@@ -161,24 +185,16 @@ def render(
 ) -> NDArray[np.uint8]:
     """Return a picture (height, width, 3), sRGB.
 
-    The key light comes over the viewer's left shoulder. Four subsamples a pixel, each with its own point of the light.
+    The key light comes over the viewer's left shoulder. Four subsamples a pixel.
 
     Args:
         floor: height z of a horizontal plane under the bodies, m; None for none.
     """
     scene = _scene(bodies)
-    right, _, forward = camera.axes()
-    flat = np.array([forward[0], forward[1], 0.0])
-    flat /= max(float(np.linalg.norm(flat)), 1e-9)
-    key = -0.45 * flat - 0.55 * right + np.array([0.0, 0.0, 1.0])
-    side = np.cross(key, [0.0, 0.0, 1.0])
-    side /= np.linalg.norm(side)
     total = np.zeros((height * width, 3), np.float32)
     origin = camera.position.astype(np.float32)
     for index, offset in enumerate(SUBSAMPLES):
-        first, second = (-1.0, -0.33, 0.33, 1.0)[index], (0.33, -1.0, 1.0, -0.33)[index]
-        light = key + LIGHT_SPREAD * (first * side + second * np.cross(side, key))
-        light = (light / np.linalg.norm(light)).astype(np.float32)
+        light = _light_directions(camera, width, height, index)
         total += np.clip(_sample(scene, origin, camera.directions(width, height, offset), light, floor), 0, 1)
     picture = (total / len(SUBSAMPLES)) ** (1 / 2.2)
     return (picture.reshape(height, width, 3) * 255 + 0.5).astype(np.uint8)

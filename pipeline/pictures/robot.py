@@ -16,7 +16,7 @@ from pipeline.hand.robot import MOUNT_LINK, ROBOT_JOINT_NAMES, compose_robot
 from pipeline.pictures.render import Body, corner_normals
 
 LARGEST_MESH = 4000  # faces; finer visual meshes are decimated, as no picture shows the difference
-HAND_COLOUR = (0.20, 0.21, 0.24)
+HAND_COLOUR = (0.33, 0.35, 0.39)
 TIP_COLOUR = (0.88, 0.88, 0.86)
 ARM_COLOUR = (0.90, 0.91, 0.92)
 JOINT_COLOUR = (0.28, 0.29, 0.31)

@@ -11,7 +11,6 @@ from pipeline.records.parameters.objects import MeshParameters, ObjectParameters
 from pipeline.records.parameters.prepare import PrepareParameters
 from pipeline.records.seeds import item_generator
 
-LARGEST_VOLUME_ERROR = 0.03  # of the convex parts together, against the solid
 SMALLEST_MARGIN = 0.002  # m, of the support polygon around the centre of mass
 SMALLEST_TIP_ANGLE = np.radians(5.0)
 

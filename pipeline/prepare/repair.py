@@ -124,7 +124,7 @@ def _as_manifold(mesh: Any) -> Any | None:
     import manifold3d
 
     manifold = manifold3d.Manifold(
-        manifold3d.Mesh64(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.uint64))
+        manifold3d.Mesh64(np.array(mesh.vertices, np.float64, order="C"), np.array(mesh.faces, np.uint64, order="C"))
     )
     return manifold if manifold.status() == manifold3d.Error.NoError and manifold.num_tri() > 0 else None
 
@@ -140,8 +140,9 @@ def _united(manifold: Any, repairs: list[str]) -> Any:
     for piece in pieces:
         if piece.volume() < 0:
             part = piece.to_mesh64()
-            turned = np.ascontiguousarray(np.asarray(part.tri_verts)[:, ::-1])
-            piece = manifold3d.Manifold(manifold3d.Mesh64(np.asarray(part.vert_properties)[:, :3], turned))
+            turned = np.array(part.tri_verts[:, ::-1], order="C")
+            corners = np.array(part.vert_properties[:, :3], order="C")
+            piece = manifold3d.Manifold(manifold3d.Mesh64(corners, turned))
         filled.append(piece)
     repairs.append(f"united {len(pieces)} closed surfaces (cavities are filled)")
     return manifold3d.Manifold.batch_boolean(filled, manifold3d.OpType.Add)
@@ -204,14 +205,14 @@ def repair(vertices: NDArray[np.float64], faces: NDArray[np.int64], name: str) -
         if solid is None:
             raise UserError(f"{name}: the mesh cannot be closed ({open_edges} bad edges); mend it in a modeller.")
         repairs.append(f"rebuilt as the solid where the winding number is over one half ({open_edges} bad edges)")
-    solid = _single_body(solid, repairs, name)
-    result = solid.to_mesh64()
-    out_vertices = np.asarray(result.vert_properties, np.float64)[:, :3]
-    out_faces = np.asarray(result.tri_verts).astype(np.int64)
-    before, after = np.ptp(vertices[np.unique(faces)], axis=0), np.ptp(out_vertices, axis=0)
+    box = np.array(solid.bounding_box())
+    before, after = np.ptp(vertices[np.unique(faces)], axis=0), box[3:] - box[:3]
     if np.abs(after - before).max() > EXTENT_CHANGE * before.max():
         raise UserError(
             f"{name}: closing the mesh changes its extents from {_millimetres(before)} to "
             f"{_millimetres(after)} mm; mend it in a modeller."
         )
+    result = _single_body(solid, repairs, name).to_mesh64()
+    out_vertices = np.asarray(result.vert_properties, np.float64)[:, :3]
+    out_faces = np.asarray(result.tri_verts).astype(np.int64)
     return Solid(out_vertices, out_faces, tuple(repairs))

@@ -19,7 +19,7 @@ GRID_OFFSET = 0.371  # cells; keeps grid points off the planes of the shape, whe
 def _kernel() -> Any:
     import warp as wp
 
-    wp.config.quiet = True
+    wp.config.log_level = wp.LOG_ERROR
 
     @wp.kernel(module="unique")
     def sign_distances(mesh: wp.uint64, points: wp.array(dtype=wp.vec3), reach: float, out: wp.array(dtype=float)):  # type: ignore[valid-type, no-untyped-def]

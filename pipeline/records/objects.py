@@ -112,7 +112,7 @@ def read_prepared_object(folder: Path) -> PreparedObject:
     import trimesh
 
     name = folder.name
-    mend = f"delete the folder and run `dvc repro prepare@{name}`"
+    mend = f"delete the folder and run `dvc repro prepare@{name}` (`prepare-mesh@{name}` for a mesh of your own)"
     try:
         facts = json.loads((folder / "object.json").read_text())
         mesh = trimesh.load_mesh(folder / "mesh.ply", process=False)

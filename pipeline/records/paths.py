@@ -12,7 +12,6 @@ FIGURES_FOLDER = Path("reports/figures")
 SUMMARY_FILE = Path("reports/summary.json")
 TRACKING_FILE = Path("reports/tracking.json")
 DURATIONS_FILE = Path("reports/durations.json")
-DURATIONS_PAGE = Path("reports/durations.html")
 TRACKING_DATABASE = Path("mlflow.db")
 TRACKING_ARTIFACTS = Path("mlartifacts")
 

@@ -69,7 +69,8 @@ def heat_map(
                 f"<small>{escape(notes[row, column])}</small></td>"
             )
         body += "</tr>\n"
-    return f'<div class="wide"><table class="heat"><thead><tr><th></th>{head}</tr></thead><tbody>{body}</tbody></table></div>\n'
+    header = f"<thead><tr><th></th>{head}</tr></thead>"
+    return f'<div class="wide"><table class="heat">{header}<tbody>{body}</tbody></table></div>\n'
 
 
 def _spoken(name: str) -> str:

@@ -101,13 +101,15 @@ def build_page(content: PageContent, plotly_source: str) -> str:
         ("merge", "Merging", merge_section(content.merges)),
         ("versions", "Versions and durations", versions_section(content.versions)),
     ]
+    css = (here / "page.css").read_text()
     contents = "".join(f'<a href="#{key}">{escape(title)}</a>' for key, title, _ in sections)
     body = "".join(f'<section id="{key}"><h2>{escape(title)}</h2>\n{html}</section>\n' for key, title, html in sections)
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>Sequential grasping: report</title>\n<style>\n{(here / 'page.css').read_text()}</style></head>\n<body>\n"
-        f"<header><h1>One hand, two objects, one after the other</h1>\n{headline(content)}<nav>{contents}</nav></header>\n"
+        f"<title>Sequential grasping: report</title>\n<style>\n{css}</style></head>\n<body>\n"
+        "<header><h1>One hand, two objects, one after the other</h1>\n"
+        f"{headline(content)}<nav>{contents}</nav></header>\n"
         f"<main>\n{body}</main>\n"
         "<footer><p>Every figure comes from the tables under <code>data/</code>; <code>docs/metrics.md</code> defines "
         "each key of <code>reports/summary.json</code>.</p></footer>\n"
@@ -152,15 +154,15 @@ def headline(content: PageContent) -> str:
 def seen_section(content: PageContent) -> str:
     """Return the paragraph that says what this page is about and how success is judged."""
     return (
-        "<p>A simulated Panda arm with an Allegro hand picks up a first object with thumb, index and middle finger, keeps "
-        "it, and picks up a second object with ring finger and palm. Grasps of single objects are synthesized, tested in "
-        "physics, merged into grasps of two objects, tested again, and then carried out on a table with planned motion "
-        "from placements that are off by a few millimetres.</p>\n"
+        "<p>A simulated Panda arm with an Allegro hand picks up a first object with thumb, index and middle finger, "
+        "keeps it, and picks up a second object with ring finger and palm. Grasps of single objects are synthesized, "
+        "tested in physics, merged into grasps of two objects, tested again, and then carried out on a table with "
+        "planned motion from placements that are off by a few millimetres.</p>\n"
         f"<p>A trial succeeds when both objects are at least {100 * content.success_height:g} cm above where they "
         f"rested for {content.hold_seconds:g} s. "
         "Beside it stands the rule of the paper’s released code: both more than 10 cm up at the end of the lift. "
-        "Rows that failed are kept in all tables with the first check that they failed; rates are counted from those rows."
-        "</p>\n"
+        "Rows that failed are kept in all tables with the first check that they failed; rates are counted from those "
+        "rows.</p>\n"
     )
 
 
@@ -224,8 +226,8 @@ def _paper_success(summary: Mapping[str, Value], prefix: str, pairs: Sequence[Pa
 def pairs_section(views: Sequence[PairView]) -> str:
     """Return, for every pair, its grasp in 3D and the strips of its trials."""
     legend = (
-        "<p>Left: merged grasps in the frame of the hand (first object orange, second blue); drag to turn, scroll to zoom. "
-        "Right: moments of one trial, named by the phase of the sequence.</p>\n"
+        "<p>Left: merged grasps in the frame of the hand (first object orange, second blue); drag to turn, scroll to "
+        "zoom. Right: moments of one trial, named by the phase of the sequence.</p>\n"
     )
     return legend + "".join(_pair_view(view) for view in views)
 
@@ -283,7 +285,7 @@ def single_section(funnels: Sequence[Funnel]) -> str:
         "paper: successes per batch under its own schedule, its own table simulation and its rule that some contact "
         "remains. The last column applies that rule to the grasps here on which it was decided.</p>\n"
         f"{table(headers, rows)}"
-        "<h3>Synthesis: chains by the first limit of the filter that they exceed</h3>\n"
+        "<h3>Synthesis: chains by the first check of the filter that they failed</h3>\n"
         + bars_with_table(chains, PASSED, "Fate of chains per object", "object")
         + "<h3>Validation: grasps that passed the filter, by the first check of physics that they failed</h3>\n"
         + bars_with_table(physics, PASSED, "Fate of tested grasps per object", "object")
@@ -301,27 +303,9 @@ def merge_section(merges: Sequence[PairMerge]) -> str:
 
 
 def versions_section(versions: Mapping[str, str]) -> str:
-    """Return package versions and where the durations are."""
+    """Return package versions, and where to find durations."""
     return (
-        '<p>How long each stage took on the machine that ran it: <a href="durations.html">durations.html</a>, beside this '
-        "page. It is a page of its own because durations differ from run to run, and this page does not.</p>\n"
+        "<p>How long each stage took is in MLflow and in <code>reports/durations.json</code>: they differ from run "
+        "to run, and this page does not.</p>\n"
         + table(["package", "version"], [[name, version] for name, version in sorted(versions.items())])
-    )
-
-
-def build_durations_page(durations: Mapping[str, Mapping[str, float]]) -> str:
-    """Return the page of durations, which is no output of the pipeline."""
-    rows = [
-        [stage, f"{cost['wall_seconds']:.1f}", f"{cost['cpu_seconds']:.1f}"]
-        + [f"{cost['peak_megabytes_largest_process']:.0f}"]
-        for stage, cost in sorted(durations.items())
-    ]
-    headers = ["stage", "wall time (s)", "CPU time (s)", "peak memory of the largest process (MB)"]
-    css = (Path(__file__).parent / "page.css").read_text()
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>Sequential grasping: durations</title>\n'
-        f"<style>\n{css}</style></head>\n<body><header><h1>Durations</h1>"
-        '<nav><a href="index.html">Back to the report</a></nav></header>\n<main><section>'
-        "<p>The last time each stage ran here. A stage whose result was reused keeps its older entry.</p>\n"
-        f"{table(headers, rows)}</section></main></body></html>\n"
     )

@@ -1,4 +1,4 @@
-"""Published figures of SeqMultiGrasp (IROS 2025) that the report sets beside ours; nothing else is known of its maps."""
+"""Published figures of SeqMultiGrasp (IROS 2025), beside which ours stand; of its heat map no more is known."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from math import sqrt
 
 import pandas as pd
 
-PLANNING_FAILURE = "no_plan"  # how reasons of trials begin that ended because no motion was found
+PLANNING_FAILURE = "plan "  # how reasons of trials begin that ended because no motion was found
 
 
 @dataclass(frozen=True)

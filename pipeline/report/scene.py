@@ -18,7 +18,6 @@ MOST_FACES = 1200  # of an object
 MOST_LINK_FACES = 350
 GRASPS_PER_PAIR = 6
 OBJECT_COLOURS = ("#e08a2e", "#3c78b4")  # first object, second object
-FINGER_COLOURS = {"thumb": "#8f9aa3", "index": "#9aa5ad", "middle": "#a6b0b7", "ring": "#b8a48f", "palm": "#6f7a83"}
 
 
 def decimated(mesh: Mesh, most_faces: int) -> Mesh:
@@ -57,24 +56,30 @@ def shown_grasps(merged: pd.DataFrame, preferred: Sequence[int], most: int = GRA
     return accepted.assign(_order=order).sort_values(["_order", "merged_id"]).head(most).drop(columns="_order")
 
 
-def grasp_record(
-    grasp: Mapping[str, Any],
-    T_hand_link: Mapping[str, NDArray[np.float64]],
-    link_fingers: Mapping[str, str],
-) -> dict[str, Any]:
+def grasp_record(grasp: Mapping[str, Any], links: Sequence[tuple[str, NDArray[np.float64], str]]) -> dict[str, Any]:
     """Return one merged grasp: the hand's links and both objects, placed in the hand frame.
 
     Args:
         grasp: a row of a merged table.
-        T_hand_link: pose of every drawn link.
-        link_fingers: finger of every drawn link.
+        links: shape, ``T_hand_link`` (4, 4) and colour of every drawn part of the hand.
     """
-    bodies = [
-        body_record(f"hand/{link}", T, FINGER_COLOURS[link_fingers[link]], link_fingers[link])
-        for link, T in T_hand_link.items()
-    ]
+    bodies = [body_record(shape, T, colour, "hand") for shape, T, colour in links]
     for index, colour in enumerate(OBJECT_COLOURS):
         name = grasp[f"object{index}"]
-        T = pose_matrix(grasp[f"position_hand_object{index}"], grasp[f"quaternion_hand_object{index}"])
-        bodies.append(body_record(f"object/{name}", T, colour, name.replace("_", " ")))
+        bodies.append(body_record(f"object/{name}", object_pose(grasp, index), colour, name.replace("_", " ")))
     return {"merged_id": int(grasp["merged_id"]), "bodies": bodies}
+
+
+def object_pose(grasp: Mapping[str, Any], index: int) -> NDArray[np.float64]:
+    """Return ``T_hand_object`` (4, 4) of the first (0) or second (1) object of a merged grasp."""
+    return pose_matrix(grasp[f"position_hand_object{index}"], grasp[f"quaternion_hand_object{index}"])
+
+
+def hexadecimal(colour: Sequence[float] | NDArray[np.float64]) -> str:
+    """Return a colour (sRGB, 0 to 1) in the notation of HTML."""
+    return "#" + "".join(f"{round(255 * channel):02x}" for channel in colour)
+
+
+def fractions(colour: str) -> tuple[float, float, float]:
+    """Return a colour in the notation of HTML as sRGB, 0 to 1."""
+    return int(colour[1:3], 16) / 255, int(colour[3:5], 16) / 255, int(colour[5:7], 16) / 255

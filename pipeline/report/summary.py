@@ -40,8 +40,16 @@ def summarize(
     return {key: rounded(values[key]) for key in sorted(values)}
 
 
+def key_of_check(check: str) -> str:
+    """Return the name of a check or reason as part of a key, in letters that MLflow takes too.
+
+    ``first slip`` gives ``first_slip``, ``gravity:-x`` gives ``gravity.minus_x``.
+    """
+    return check.replace(" ", "_").replace(":", ".").replace("+", "plus_").replace("-", "minus_")
+
+
 def _shares(prefix: str, counts: dict[str, int], whole: int) -> dict[str, Value]:
-    return {f"{prefix}.{check}": ratio(count, whole) for check, count in counts.items()}
+    return {f"{prefix}.{key_of_check(check)}": ratio(count, whole) for check, count in counts.items()}
 
 
 def _of_object(funnel: Funnel) -> dict[str, Value]:

@@ -37,8 +37,11 @@
     for (let n = 0; n < f.length; n += 3) { i.push(f[n]); j.push(f[n + 1]); k.push(f[n + 2]); }
     return {
       type: "mesh3d", x, y, z, i, j, k, color: colour, name, hoverinfo: "name", flatshading: true,
-      lighting: { ambient: 0.55, diffuse: 0.75, specular: 0.1, roughness: 0.8 },
-      lightposition: { x: 500, y: -800, z: 1500 },
+      // By default the library takes triangles smaller than 1e-6 square units, square metres here, for degenerate.
+      lighting: {
+        ambient: 0.45, diffuse: 0.6, specular: 0.1, roughness: 0.8, facenormalsepsilon: 0, vertexnormalsepsilon: 0,
+      },
+      lightposition: { x: 2000, y: 3000, z: 4000 },
     };
   }
 
@@ -58,39 +61,56 @@
     };
   }
 
+  function visible(view) {
+    const box = view.getBoundingClientRect();
+    return box.bottom > 0 && box.top < window.innerHeight;
+  }
+
+  // Frees a context for one more view; views that are seen keep theirs.
+  function makeRoom() {
+    if (alive.length < MOST_ALIVE) return true;
+    const hidden = alive.findIndex((view) => !visible(view));
+    if (hidden < 0) return false;
+    const scene = alive.splice(hidden, 1)[0].querySelector(".scene");
+    window.Plotly.purge(scene);
+    scene.remove();
+    return true;
+  }
+
   function draw(view) {
     const grasps = data.pairs[view.dataset.pair];
     const library = plotly();
     let scene = view.querySelector(".scene");
     if (!scene) {
+      if (!makeRoom()) return;
       scene = document.createElement("div");
       scene.className = "scene";
       view.appendChild(scene);
       alive.push(view);
-      if (alive.length > MOST_ALIVE) remove(alive.shift());
     }
     const select = view.parentElement.querySelector("select");
     const options = { displaylogo: false, responsive: true, modeBarButtonsToRemove: ["toImage"] };
-    library.react(scene, traces(grasps[select ? Number(select.value) : 0]), layout(), options);
-  }
-
-  function remove(view) {
-    const scene = view.querySelector(".scene");
-    if (scene) { window.Plotly.purge(scene); scene.remove(); }
+    library.react(scene, traces(grasps[Number(select.value)]), layout(), options);
   }
 
   const views = Array.from(document.querySelectorAll(".view[data-pair]"));
   if (!views.length) return;
   if (!webgl()) {
-    for (const view of views) view.parentElement.querySelector(".under").textContent = "Turning in 3D needs WebGL, which this browser does not offer.";
+    for (const view of views) {
+      view.parentElement.querySelector(".under").textContent = "Turning in 3D needs WebGL, which this browser does not offer.";
+    }
     return;
   }
-  const watcher = new IntersectionObserver((entries) => {
-    for (const entry of entries) if (entry.isIntersecting && !entry.target.querySelector(".scene")) draw(entry.target);
-  }, { threshold: 0.25 });
-  for (const view of views) {
-    watcher.observe(view);
-    const select = view.parentElement.querySelector("select");
-    if (select) select.addEventListener("change", () => draw(view));
+  let waiting = false;
+  function look() {
+    waiting = false;
+    for (const view of views) if (visible(view) && !view.querySelector(".scene")) draw(view);
   }
+  function lookSoon() {
+    if (!waiting) { waiting = true; setTimeout(look, 150); }
+  }
+  window.addEventListener("scroll", lookSoon, { passive: true });
+  window.addEventListener("resize", lookSoon);
+  lookSoon();
+  for (const view of views) view.parentElement.querySelector("select").addEventListener("change", () => draw(view));
 })();

@@ -32,7 +32,6 @@ class Request:
     energy: EnergyParameters
     optimizer: OptimizerParameters
     settings: StyleParameters
-    device: str = "cpu"
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,7 @@ def first_states(
 def run_block(block: Block) -> tuple[Grasps, Terms]:
     """Return the best states of a block's chains and their terms."""
     request, hand = block.request, load_hand()
-    scene = EnergyScene(request.prepared, request.energy, request.settings, request.device)
+    scene = EnergyScene(request.prepared, request.energy, request.settings, request.optimizer.device)
     first, slots, free, seeds = first_states(block, scene)
     best, _ = run_chains(scene, request.optimizer, request.settings.iterations, first, slots, free, seeds)
     # The energy only leans against the limits, so that the best state may lie a little beyond.
@@ -108,7 +107,7 @@ def synthesize(request: Request, workers: int) -> pd.DataFrame:
     """Return one row per chain (``records.tables.CANDIDATES``), in the order of the chains."""
     blocks = split_chains(request)
     # Compile once here; the processes then find the kernels in the cache.
-    EnergyScene(request.prepared, request.energy, request.settings, request.device).compile()
+    EnergyScene(request.prepared, request.energy, request.settings, request.optimizer.device).compile()
     label = f"synthesize {request.style} {request.prepared.name}"
     results = fan_out(run_block, blocks, workers, label)
     rows = pd.concat(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -115,15 +116,29 @@ def hand_parts(hand: Hand) -> HandParts:
     )
 
 
+@lru_cache(maxsize=1)
 def warp() -> Any:
-    """Import Warp without its banner, with a kernel cache that can be written to."""
+    """Import and start Warp without its banner and its remark that there is no CUDA driver."""
     import warp as wp
 
     wp.config.log_level = wp.LOG_ERROR
-    wp.init()
-    cache = wp.config.kernel_cache_dir
-    if not os.access(cache, os.W_OK):
-        wp.config.kernel_cache_dir = os.path.join(tempfile.gettempdir(), f"warp-{os.getuid()}")
+    with tempfile.TemporaryFile() as said:
+        # The remark comes from Warp's native library, so that only the descriptor can be listened to.
+        sys.stderr.flush()
+        stderr = os.dup(2)
+        os.dup2(said.fileno(), 2)
+        try:
+            try:
+                wp.init()
+            except OSError:  # the cache below the home folder cannot be made
+                wp.config.kernel_cache_dir = os.path.join(tempfile.gettempdir(), f"warp-{os.getuid()}")
+                wp.init()
+        finally:
+            os.dup2(stderr, 2)
+            os.close(stderr)
+            said.seek(0)
+            lines = said.read().decode(errors="replace").splitlines()
+            sys.stderr.writelines(f"{line}\n" for line in lines if "CUDA driver" not in line)
     return wp
 
 

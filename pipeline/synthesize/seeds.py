@@ -112,7 +112,7 @@ def draw_seeds(
     least = np.full(len(generators), np.inf)
     open_chains = list(range(len(generators)))
     for _ in range(ATTEMPTS):
-        draws = [draw_seed(hand, style, settings, slots, generators[chain]) for chain in open_chains]
+        draws = [draw_seed(hand, style, settings, slots, generators[int(chain)]) for chain in open_chains]
         terms, _ = scene.evaluate(join(draws))
         overlap = terms.penetration + terms.table + terms.self_penetration
         for chain, draw, value in zip(open_chains, draws, overlap, strict=True):

@@ -14,6 +14,7 @@ import time
 
 import pyarrow.parquet as pq
 import pytest
+import trimesh
 
 from pipeline.records.parameters import Parameters
 from tests.pipeline.conftest import WorkingCopy
@@ -154,15 +155,16 @@ def test_a_comment_runs_its_stage_and_nothing_after_it(workspace, room, stages):
     assert workspace.recorded_runs() == runs
 
 
-def test_an_object_comes_and_goes(workspace):
+def test_an_object_of_one_s_own_comes_and_goes(workspace):
     before, tables = workspace.fingerprints(), objects_in_tables(workspace)
     original = (workspace / "params.yaml").read_text()
     content = workspace.parameters()
-    content["objects"]["small_box"] = {"recipe": "box", "extents": [0.04, 0.045, 0.042]}
+    trimesh.creation.box((40, 45, 42)).export(workspace / "data/raw/small_box.stl")
+    content["meshes"]["small_box"] = {"file": "data/raw/small_box.stl", "unit": "mm"}
     content["styles"]["pinch"].append("small_box")
     workspace.write_parameters(content)
     ran = workspace.repro().ran
-    own = ["prepare@small_box", "synthesize-pinch@small_box", "validate-pinch@small_box"]
+    own = ["prepare-mesh@small_box", "synthesize-pinch@small_box", "validate-pinch@small_box"]
     assert ran[:4] == [*own, "merge"]
     later = ("evaluate-synthesized@", "report", "track")
     assert [name for name in ran[4:] if not name.startswith(later)] == []
@@ -322,13 +324,26 @@ def test_a_truncated_table_is_named_by_the_stage_and_mended_by_dvc(finished, wor
     assert workspace.fingerprints() == finished.fingerprints()
 
 
-def test_a_failing_stage_stops_the_pipeline_with_its_sentence(workspace):
+def test_a_missing_mesh_stops_the_pipeline_and_names_the_file(workspace):
     content = workspace.parameters()
     content["meshes"]["mug"] = {"file": "data/raw/mug.stl"}
     content["styles"]["pinch"].append("mug")
     workspace.write_parameters(content)
     result = workspace.repro(succeed=False)
-    assert result.ran == ["prepare@mug"]
+    assert result.ran == []
     assert "data/raw/mug.stl" in result.output
+    assert "Traceback" not in result.output
+    assert not (workspace / "data/prepare/mug").exists()
+
+
+def test_a_stage_that_refuses_stops_the_pipeline_with_its_sentence(workspace):
+    content = workspace.parameters()
+    content["meshes"]["mug"] = {"file": "data/raw/mug.stl"}
+    content["styles"]["pinch"].append("mug")
+    workspace.write_parameters(content)
+    (workspace / "data/raw/mug.stl").write_text("this is no mesh")
+    result = workspace.repro(succeed=False)
+    assert result.ran == ["prepare-mesh@mug"]
+    assert "prepare-mesh@mug: " in result.output and "data/raw/mug.stl" in result.output
     assert "Traceback" not in result.output
     assert not (workspace / "data/prepare/mug").exists()

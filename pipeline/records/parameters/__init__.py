@@ -119,8 +119,9 @@ def _section(parameters: Parameters, name: str, source: Path) -> Any:
         if isinstance(value, dict):
             if part not in value:
                 known = ", ".join(sorted(value)) or "none yet"
+                section = name.split(".")[0]
                 raise UserError(
-                    f"{source}: there is no object {part!r} under `{name.split('.')[0]}`; add it there, or use one of {known}."
+                    f"{source}: there is no object {part!r} under `{section}`; add it there, or use one of {known}."
                 )
             value = value[part]
         else:

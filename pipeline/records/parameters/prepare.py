@@ -28,5 +28,5 @@ class PrepareParameters(Section):
         200,
         ge=8,
         le=255,
-        description="Most vertices of a convex part; PhysX allows 255, and a plum needs 200 to lose only 1 % of volume.",
+        description="Most vertices of a convex part; PhysX allows 255, a plum needs 200 to lose only 1 % of volume.",
     )

@@ -8,10 +8,13 @@ from pipeline.records.parameters.section import Section
 
 
 class ReportParameters(Section):
-    """Appearance of the report."""
+    """Pictures of the report."""
 
-    picture_width: int = Field(640, ge=64, le=4096, description="Pixels of trial pictures.")
-    picture_height: int = Field(480, ge=64, le=4096, description="Pixels of trial pictures.")
+    picture_width: int = Field(400, ge=64, le=1920, description="Pixels of every picture of a trial or grasp.")
+    picture_height: int = Field(300, ge=64, le=1080, description="Pixels of every picture of a trial or grasp.")
+    pictures_per_trial: int = Field(
+        12, ge=2, le=40, description="Most moments shown of a trial, spread evenly over its phases."
+    )
 
 
 class TrackParameters(Section):

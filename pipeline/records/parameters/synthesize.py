@@ -35,6 +35,9 @@ class EnergyParameters(Section):
 class OptimizerParameters(Section):
     """Annealed Metropolis-adjusted Langevin chains with a per-grasp preconditioner."""
 
+    device: Literal["cpu", "cuda"] = Field(
+        "cpu", description="Warp device of the kernel. The same source runs on both; cuda has not been tested."
+    )
     step: float = Field(0.01, gt=0, le=0.1, description="First step (m, rad). Paper's code: 0.005.")
     step_decay: float = Field(0.95, gt=0, le=1, description="Factor per step period. Paper's code: 0.95.")
     step_period: int = Field(50, ge=1, description="Iterations per decay at 6000 iterations; scaled with length.")

@@ -1,0 +1,77 @@
+"""Command of the report: one offline page, its figures, and the summary of every headline number."""
+
+from __future__ import annotations
+
+import argparse
+
+from pipeline.records import paths
+from pipeline.records.parameters import load_parameters
+from pipeline.records.running import run_stage
+from pipeline.records.versions import installed_versions
+from pipeline.records.writing import whole_file, whole_folder, write_json
+
+
+def sections() -> list[str]:
+    """Parameter sections that the stage declares."""
+    return ["scale", "styles", "evaluate", "report"]
+
+
+def work() -> None:
+    """Read every table, count, draw, and write the page, the figures and the summary."""
+    parameters = load_parameters(sections())
+    from pipeline.report.drawing import draw_views, load_objects
+    from pipeline.report.figure_files import heat_map_picture, strip_picture
+    from pipeline.report.page import PageContent, build_page
+    from pipeline.report.rates import pair_merge, pair_trials, single_grasp_funnel
+    from pipeline.report.scene import UNIT
+    from pipeline.report.summary import summarize
+    from pipeline.report.tables import SOURCES, load_tables
+
+    styles, evaluate = parameters["styles"], parameters["evaluate"]
+    tables = load_tables(styles)
+    funnels = [
+        single_grasp_funnel(style, name, candidates, tables.validated[style, name])
+        for (style, name), candidates in tables.candidates.items()
+    ]
+    merges = [pair_merge(first, second, merged) for (first, second), merged in tables.merged.items()]
+    trials = {
+        source: [pair_trials(first, second, tables.trials[source, first]) for first, second in tables.merged]
+        for source in SOURCES
+    }
+    summary = summarize(parameters["scale"], funnels, merges, trials)
+    views, shapes = draw_views(tables, load_objects(tables), parameters["report"], evaluate)
+    content = PageContent(
+        summary=summary,
+        funnels=funnels,
+        merges=merges,
+        trials=trials,
+        views=views,
+        shapes=shapes,
+        shape_unit=UNIT,
+        success_height=evaluate.success_height,
+        hold_seconds=evaluate.hold_seconds,
+        versions=installed_versions(),
+    )
+    from plotly.offline import get_plotlyjs
+
+    page = build_page(content, get_plotlyjs())
+    with whole_folder(paths.FIGURES_FOLDER) as folder:
+        for source, pairs in trials.items():
+            (folder / f"success-{source}.png").write_bytes(heat_map_picture(pairs))
+        for view in views:
+            for strip in view.strips:
+                kind = "failure" if strip.failed else "success"
+                (folder / f"{view.name}-{kind}.jpg").write_bytes(strip_picture(strip))
+    with whole_file(paths.REPORT_PAGE) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+    write_json(paths.SUMMARY_FILE, summary)
+
+
+def main() -> int:
+    """Parse the command line and run the stage."""
+    argparse.ArgumentParser(prog="python -m pipeline.report", description=__doc__).parse_args()
+    return run_stage("report", work)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,164 @@
+"""Pictures and geometry for the page: merged grasps in the hand frame, trials in the world of the evaluation."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.pictures.camera import framing, look_at
+from pipeline.pictures.render import Body, render
+from pipeline.pictures.robot import hand_bodies, robot_bodies
+from pipeline.records.objects import PreparedObject, load_prepared_object
+from pipeline.records.parameters.evaluate import EvaluateParameters
+from pipeline.records.parameters.report import ReportParameters
+from pipeline.records.poses import pose_matrix
+from pipeline.report.chosen_trials import choose_trials, chosen_moments
+from pipeline.report.page import PairView, Strip
+from pipeline.report.scene import (
+    MOST_FACES,
+    MOST_LINK_FACES,
+    OBJECT_COLOURS,
+    decimated,
+    fractions,
+    grasp_record,
+    hexadecimal,
+    object_pose,
+    shape_record,
+    shown_grasps,
+)
+from pipeline.report.tables import SOURCES, Tables
+
+# Where the evaluation puts its sponge, in the world frame (the robot's base): only the look of pictures depends on it.
+SPONGE_X, SPONGE_SIZE = 0.5, 0.4  # m
+SPONGE_COLOUR = (0.58, 0.62, 0.54)
+CAMERA_POSITION, CAMERA_TARGET, CAMERA_DEGREES = (1.55, -0.62, 0.70), (0.46, 0.0, 0.28), 27.0
+GRASP_AZIMUTH, GRASP_ELEVATION = 29.0, 13.0  # degrees; as the first view in ``viewer.js``
+POSTER_SIZE = (400, 400)  # pixels
+HAND_LIGHTENING = 0.3  # the interactive view has no fill light: dark links would be black
+
+
+def draw_views(
+    tables: Tables, objects: Mapping[str, PreparedObject], settings: ReportParameters, evaluate: EvaluateParameters
+) -> tuple[list[PairView], dict[str, dict[str, list[int]]]]:
+    """Return what is shown of every pair, and the shapes that its interactive grasps place.
+
+    Args:
+        objects: every object of the tables.
+    """
+    views, used = [], set()
+    for (first, second), merged in tables.merged.items():
+        pair = (objects[first], objects[second])
+        chosen = [choose_trials(first, second, tables.trials[source, first]) for source in SOURCES]
+        shown = [row for choice in chosen for row in (choice.success, choice.failure) if row is not None]
+        grasps = shown_grasps(merged, [int(row["merged_id"]) for row in shown]).to_dict("records")
+        strips = [trial_strip(row, pair, settings, evaluate) for row in shown]
+        views.append(
+            PairView(
+                first=first,
+                second=second,
+                grasps=[grasp_record(grasp, _placed_links(np.asarray(grasp["q"]))) for grasp in grasps],
+                poster=grasp_poster(grasps[0], pair) if grasps else None,
+                strips=strips,
+            )
+        )
+        used |= {first, second} if grasps else set()
+    shapes = {f"object/{name}": shape_record(decimated(_mesh(objects[name]), MOST_FACES)) for name in sorted(used)}
+    return views, (shapes | _link_shapes() if used else {})
+
+
+def load_objects(tables: Tables) -> dict[str, PreparedObject]:
+    """Load every object that the tables name.
+
+    Raises:
+        UserError: a prepared object is missing or damaged.
+    """
+    return {name: load_prepared_object(name) for name in sorted({name for pair in tables.merged for name in pair})}
+
+
+def _mesh(prepared: PreparedObject) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    return prepared.vertices, prepared.faces
+
+
+@lru_cache(maxsize=1)
+def _link_shapes() -> dict[str, dict[str, list[int]]]:
+    links = hand_bodies(np.eye(4), np.zeros(16))
+    return {
+        f"hand/{index:02d}": shape_record(decimated((body.vertices, body.faces), MOST_LINK_FACES))
+        for index, body in enumerate(links)
+    }
+
+
+def _placed_links(q: NDArray[np.float64]) -> list[tuple[str, NDArray[np.float64], str]]:
+    """Return shape, pose in the hand frame and colour of every part of the hand at ``q`` (16,)."""
+    lighter = [1 - (1 - HAND_LIGHTENING) * (1 - np.asarray(body.colour)) for body in hand_bodies(np.eye(4), q)]
+    return [
+        (f"hand/{index:02d}", body.T_world, hexadecimal(colour))
+        for index, (body, colour) in enumerate(zip(hand_bodies(np.eye(4), q), lighter, strict=True))
+    ]
+
+
+def _object_bodies(pair: Sequence[PreparedObject], poses: Sequence[NDArray[np.float64]]) -> list[Body]:
+    return [
+        Body(prepared.vertices, prepared.faces, fractions(colour), T)
+        for prepared, colour, T in zip(pair, OBJECT_COLOURS, poses, strict=True)
+    ]
+
+
+def grasp_poster(grasp: Mapping[str, Any], pair: Sequence[PreparedObject]) -> bytes:
+    """Return a JPEG of a merged grasp (a row of a merged table), seen as in the interactive view."""
+    bodies = hand_bodies(np.eye(4), np.asarray(grasp["q"]))
+    bodies += _object_bodies(pair, [object_pose(grasp, index) for index in (0, 1)])
+    points = np.concatenate([body.world_vertices() for body in bodies])
+    width, height = POSTER_SIZE
+    camera = framing(points, GRASP_AZIMUTH, GRASP_ELEVATION, aspect=width / height)
+    return as_jpeg(render(bodies, camera, width, height))
+
+
+def trial_strip(
+    trial: Mapping[str, Any],
+    pair: Sequence[PreparedObject],
+    settings: ReportParameters,
+    evaluate: EvaluateParameters,
+) -> Strip:
+    """Return pictures of one trial (a row of a trials table) from its remembered moments."""
+    phases = [str(phase) for phase in trial["snapshot_phases"]]
+    moments = chosen_moments(phases, settings.pictures_per_trial)
+    pictures = []
+    for moment in moments:
+        world = np.asarray([trial["snapshot_pose0"][moment], trial["snapshot_pose1"][moment]], dtype=np.float64)
+        bodies = robot_bodies(np.asarray(trial["snapshot_robot_q"][moment], dtype=np.float64))
+        bodies += _object_bodies(pair, list(pose_matrix(world[:, :3], world[:, 3:])))
+        bodies.append(_sponge(evaluate.sponge_height))
+        camera = look_at(CAMERA_POSITION, CAMERA_TARGET, CAMERA_DEGREES)
+        pictures.append(as_jpeg(render(bodies, camera, settings.picture_width, settings.picture_height, floor=0.0)))
+    success = bool(trial["success"])
+    outcome = "success" if success else f"failed: {trial['reason']}"
+    return Strip(
+        title=f"Trial {trial['trial']}, {outcome}",
+        captions=[phases[moment] for moment in moments],
+        pictures=pictures,
+        failed=not success,
+    )
+
+
+def _sponge(height: float) -> Body:
+    import trimesh
+
+    T = np.eye(4)
+    T[:3, 3] = (SPONGE_X, 0.0, height / 2)
+    box = trimesh.creation.box((SPONGE_SIZE, SPONGE_SIZE, height))
+    return Body(np.asarray(box.vertices), np.asarray(box.faces), SPONGE_COLOUR, T)
+
+
+def as_jpeg(picture: NDArray[np.uint8]) -> bytes:
+    """Return a picture (h, w, 3) as JPEG."""
+    from PIL import Image
+
+    buffer = io.BytesIO()
+    Image.fromarray(picture).save(buffer, format="JPEG", quality=85)
+    return buffer.getvalue()

@@ -1,0 +1,64 @@
+"""Figures as picture files, for the README and for slides."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from typing import Any
+
+from pipeline.report.charts import ink_on, percent, scale_colour
+from pipeline.report.page import Strip
+from pipeline.report.rates import PairTrials
+
+MOST_COLUMNS = 6  # pictures in one row of a strip
+
+
+def heat_map_picture(pairs: Sequence[PairTrials]) -> bytes:
+    """Return the success heat map as PNG: rows are first objects, columns are second objects."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Rectangle
+
+    firsts, seconds = list(dict.fromkeys(p.first for p in pairs)), list(dict.fromkeys(p.second for p in pairs))
+    figure = Figure(figsize=(2.2 + 1.25 * len(seconds), 1.1 + 0.75 * len(firsts)), dpi=120, layout="tight")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    for pair in pairs:
+        column, row = seconds.index(pair.second), firsts.index(pair.first)
+        colour = scale_colour(pair.success_rate)
+        face = tuple(channel / 255 for channel in colour)
+        axes.add_patch(Rectangle((column, row), 1, 1, facecolor=face, edgecolor="white", linewidth=3))
+        style: dict[str, Any] = {"ha": "center", "va": "center", "color": ink_on(colour)}
+        axes.text(column + 0.5, row + 0.42, percent(pair.success_rate).replace("\u202f", " "), fontsize=12, **style)
+        axes.text(column + 0.5, row + 0.72, f"{pair.successes} of {pair.trials}", fontsize=8, **style)
+    axes.set(xlim=(0, len(seconds)), ylim=(len(firsts), 0))
+    axes.set_xticks([i + 0.5 for i in range(len(seconds))], [name.replace("_", " ") for name in seconds])
+    axes.set_yticks([i + 0.5 for i in range(len(firsts))], [name.replace("_", " ") for name in firsts])
+    axes.set_xlabel("picked up second")
+    axes.set_ylabel("picked up first")
+    axes.xaxis.set_label_position("top")
+    axes.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
+    axes.spines[:].set_visible(False)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def strip_picture(strip: Strip) -> bytes:
+    """Return all pictures of a strip in one JPEG, in rows, each with its phase written below."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    tiles = [Image.open(io.BytesIO(picture)).convert("RGB") for picture in strip.pictures]
+    width, height, caption = tiles[0].width, tiles[0].height, 24
+    columns = min(MOST_COLUMNS, len(tiles))
+    rows = -(-len(tiles) // columns)
+    sheet = Image.new("RGB", (columns * width, rows * (height + caption)), "white")
+    draw = ImageDraw.Draw(sheet)
+    font = ImageFont.load_default(15)
+    for index, (tile, text) in enumerate(zip(tiles, strip.captions, strict=True)):
+        x, y = index % columns * width, index // columns * (height + caption)
+        sheet.paste(tile, (x, y))
+        draw.text((x + width / 2, y + height + caption / 2), text, fill="#222222", font=font, anchor="mm")
+    buffer = io.BytesIO()
+    sheet.save(buffer, format="JPEG", quality=85)
+    return buffer.getvalue()

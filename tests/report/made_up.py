@@ -1,0 +1,102 @@
+"""Small made-up tables with the columns of real ones."""
+
+import numpy as np
+import pandas as pd
+
+from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED
+
+REACH = [0.1, -0.5, 0.1, -2.5, 0.1, 1.9, 1.5]
+
+
+def _filled(schema, rows: list[dict]) -> pd.DataFrame:
+    return pd.DataFrame([{name: row.get(name) for name in schema.names} for row in rows], columns=schema.names)
+
+
+def _candidate(index: int, style: str, name: str, rejected_by: str) -> dict:
+    energies = {field: 0.1 for field in CANDIDATES.names if field.startswith("energy")}
+    return energies | {
+        "grasp_id": index,
+        "object": name,
+        "style": style,
+        "fingers": "thumb+index",
+        "position_object_hand": [0.1, 0.0, 0.0],
+        "quaternion_object_hand": [1.0, 0.0, 0.0, 0.0],
+        "q": [0.0] * 16,
+        "contact_candidates": [0, 1],
+        "contact_points": [[0.0, 0.0, 0.02], [0.0, 0.0, -0.02]],
+        "contact_normals": [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]],
+        "rejected_by": rejected_by,
+    }
+
+
+def candidates(style: str, name: str) -> pd.DataFrame:
+    """Four chains, one of which fails the filter."""
+    fates = ["", "", "distance", ""]
+    return _filled(CANDIDATES, [_candidate(index, style, name, fate) for index, fate in enumerate(fates)])
+
+
+def validated(style: str, name: str) -> pd.DataFrame:
+    """The same chains after physics: one more fails."""
+    fates = ["", "gravity:-x", "distance", ""]
+    rows = [_candidate(index, style, name, fate) for index, fate in enumerate(fates)]
+    for row in rows:
+        row["contact_only_pass"] = None if row["rejected_by"] == "distance" else row["rejected_by"] == ""
+    return _filled(VALIDATED, rows)
+
+
+def merged(first: str, second: str, accepted: int = 2) -> pd.DataFrame:
+    """``accepted`` accepted grasps and one rejected combination."""
+    rows = []
+    for index in range(accepted + 1):
+        rows.append(
+            {
+                "merged_id": index,
+                "object0": first,
+                "object1": second,
+                "grasp0_id": 0,
+                "grasp1_id": 0,
+                "fingers0": "thumb+index",
+                "fingers1": "ring+palm",
+                "q": np.full(16, 0.1 * index),
+                "position_hand_object0": [0.08, 0.03, 0.05],
+                "quaternion_hand_object0": [1.0, 0.0, 0.0, 0.0],
+                "position_hand_object1": [0.06, -0.05, -0.02],
+                "quaternion_hand_object1": [0.5, 0.5, 0.5, 0.5],
+                "squeeze_q": [0.0] * 16,
+                "rejected_by": "" if index < accepted else "hand clearance",
+            }
+        )
+    return _filled(MERGED, rows)
+
+
+def trials(first: str, seconds: list[str]) -> pd.DataFrame:
+    """Three trials per pair: success, no plan, dropped."""
+    outcomes = [("", True, True), ("plan second", False, False), ("dropped in hold", False, True)]
+    rows = []
+    for second in seconds:
+        for index, (reason, success, success_10cm) in enumerate(outcomes):
+            phases = ["settle", "close first", "hold"][: 3 - (reason == "plan second")]
+            pose = [0.5, 0.1, 0.12, 1.0, 0.0, 0.0, 0.0]
+            rows.append(
+                {
+                    "trial": index,
+                    "source": "synthesized",
+                    "object0": first,
+                    "object1": second,
+                    "merged_id": index % 2,
+                    "seed": index,
+                    "offset0": [0.0] * 3,
+                    "offset1": [0.0] * 3,
+                    "phase": phases[-1],
+                    "success": success,
+                    "success_10cm": success_10cm,
+                    "reason": reason,
+                    "planning_attempts": 1,
+                    "steps": 100,
+                    "snapshot_phases": phases,
+                    "snapshot_robot_q": [REACH + [0.2] * 16] * len(phases),
+                    "snapshot_pose0": [[0.5, -0.1, *pose[2:]]] * len(phases),
+                    "snapshot_pose1": [pose] * len(phases),
+                }
+            )
+    return _filled(TRIALS, rows)

@@ -1,0 +1,211 @@
+import io
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from pipeline.records.parameters.evaluate import EvaluateParameters
+from pipeline.records.parameters.report import ReportParameters
+from pipeline.records.poses import pose_matrix
+from pipeline.report.charts import heat_map, ordered_categories, scale_colour, stacked_bars, table
+from pipeline.report.chosen_trials import choose_trials, chosen_moments
+from pipeline.report.figure_files import heat_map_picture, strip_picture
+from pipeline.report.page import PageContent, Strip, build_page, inert_json
+from pipeline.report.rates import pair_merge, pair_trials, single_grasp_funnel
+from pipeline.report.scene import UNIT, decimated, fractions, hexadecimal, shape_record, shown_grasps
+from pipeline.report.summary import summarize
+from pipeline.report.tables import Tables
+from tests.report import made_up
+
+
+class Balance(HTMLParser):
+    """Checks that every element that is opened is closed, in order."""
+
+    EMPTY = {"meta", "img", "br", "link"}
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.texts: list[str] = []
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in self.EMPTY:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.texts.append(data)
+
+
+def parsed(html: str) -> Balance:
+    parser = Balance()
+    parser.feed(html)
+    parser.close()
+    assert parser.open == []
+    return parser
+
+
+class StandIn:
+    """What drawing needs of a prepared object."""
+
+    def __init__(self, mesh: trimesh.Trimesh) -> None:
+        self.vertices, self.faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+
+
+@pytest.fixture(scope="module")
+def tables() -> Tables:
+    singles = [("pinch", "cube"), ("side", "can")]
+    return Tables(
+        candidates={key: made_up.candidates(*key) for key in singles},
+        validated={key: made_up.validated(*key) for key in singles},
+        merged={("cube", "can"): made_up.merged("cube", "can")},
+        trials={("synthesized", "cube"): made_up.trials("cube", ["can"])},
+    )
+
+
+@pytest.fixture(scope="module")
+def content(tables) -> PageContent:
+    from pipeline.report.drawing import draw_views
+
+    objects = {
+        "cube": StandIn(trimesh.creation.box((0.04, 0.04, 0.04))),
+        "can": StandIn(trimesh.creation.cylinder(radius=0.03, height=0.1)),
+    }
+    settings = ReportParameters(picture_width=64, picture_height=64, pictures_per_trial=2)
+    views, shapes = draw_views(tables, objects, settings, EvaluateParameters())  # type: ignore[arg-type]
+    funnels = [single_grasp_funnel(*key, tables.candidates[key], tables.validated[key]) for key in tables.candidates]
+    merges = [pair_merge(*key, merged) for key, merged in tables.merged.items()]
+    trials = {"synthesized": [pair_trials("cube", "can", tables.trials["synthesized", "cube"])]}
+    return PageContent(
+        summary=summarize("tiny", funnels, merges, trials),
+        funnels=funnels,
+        merges=merges,
+        trials=trials,
+        views=views,
+        shapes=shapes,
+        shape_unit=UNIT,
+        success_height=0.2,
+        hold_seconds=2.0,
+        versions={"python": "3"},
+    )
+
+
+def test_the_page_is_well_formed_and_fetches_nothing(content):
+    page = build_page(content, "/* library */")
+    parsed(page)
+    assert re.findall(r'(?:src|href)="(?!data:|#|durations\.html)[^"]*"', page) == []
+    assert page.count("/* library */") == 1
+    assert page == build_page(content, "/* library */")
+
+
+def test_the_page_shows_the_pair_its_trials_and_the_paper(content):
+    text = " ".join(parsed(build_page(content, "")).texts)
+    for words in (
+        "cube + can",
+        "Trial 0, success",
+        "failed: dropped in hold",
+        "82.7\u202f%",
+        "3.3\u202f%",
+        "plan second",
+    ):
+        assert words in text
+    page = build_page(content, "")
+    assert 'data-pair="cube--can"' in page
+    assert page.count("data:image/jpeg;base64,") == 1 + 2 + 2  # a grasp, two moments of two trials
+
+
+def test_library_and_data_cannot_end_their_elements(content):
+    page = build_page(content, 'x = "</script><b>"')
+    parsed(page)
+    assert json.loads(inert_json({"a": "</script><!--"})) == {"a": "</script><!--"}
+    assert "<" not in inert_json({"a": "</script>"})
+
+
+def test_placed_geometry_is_where_the_table_says(content):
+    grasp = content.views[0].grasps[0]
+    can = next(body for body in grasp["bodies"] if body["shape"] == "object/can")
+    assert can["pose"] == pytest.approx(pose_matrix([0.06, -0.05, -0.02], [0.5] * 4)[:3].ravel(), abs=1e-6)
+    assert {body["shape"] for body in grasp["bodies"]} <= set(content.shapes)
+    extent = np.ptp(np.array(content.shapes["object/cube"]["vertices"]).reshape(-1, 3) * UNIT, axis=0)
+    assert extent == pytest.approx([0.04] * 3, abs=1e-4)
+
+
+def test_an_unsuccessful_pair_still_has_a_page(content, tables):
+    from dataclasses import replace
+
+    bare = replace(content.views[0], grasps=[], poster=None, strips=[])
+    page = build_page(replace(content, views=[bare], shapes={}), "")
+    parsed(page)
+    assert "No merged grasp was accepted." in page and "No trial of this pair has pictures." in page
+
+
+def test_decimation_keeps_the_shape():
+    sphere = trimesh.creation.icosphere(subdivisions=4, radius=0.03)
+    vertices, faces = decimated((np.asarray(sphere.vertices), np.asarray(sphere.faces)), 500)
+    assert len(faces) <= 500
+    assert np.linalg.norm(vertices, axis=1) == pytest.approx(0.03, rel=0.03)
+    assert shape_record((vertices, faces)) == shape_record(
+        decimated((np.asarray(sphere.vertices), np.asarray(sphere.faces)), 500)
+    )
+
+
+def test_grasps_that_the_robot_used_come_first():
+    merged = made_up.merged("cube", "can", accepted=5)
+    assert shown_grasps(merged, [3, -1, 1], most=4)["merged_id"].tolist() == [3, 1, 0, 2]
+    assert len(shown_grasps(merged, [5])) == 5  # the rejected combination is never shown
+
+
+def test_first_success_and_the_most_common_failure_are_shown():
+    trials = made_up.trials("cube", ["can"])
+    trials.loc[0, ["success", "reason"]] = [False, "dropped in hold"]
+    chosen = choose_trials("cube", "can", trials)
+    assert chosen.success is None
+    assert chosen.failure is not None and chosen.failure["trial"] == 0
+    assert choose_trials("cube", "other", trials).failure is None
+
+
+def test_moments_keep_the_first_and_the_last():
+    phases = [str(index) for index in range(12)]
+    assert chosen_moments(phases, 12) == list(range(12))
+    assert chosen_moments(phases, 4) == [0, 4, 7, 11]
+    assert chosen_moments(phases[:1], 2) == [0]
+
+
+def test_bars_add_up_to_their_width():
+    svg = stacked_bars([("a", {"passed": 1, "x": 3}), ("b", {"y": 2})], "passed", "bars")
+    rows: dict[str, float] = {}
+    for y, width in re.findall(r'<rect x="[\d.]+" y="(\d+)" width="([\d.]+)" height="20"', svg):
+        rows[y] = rows.get(y, 0.0) + float(width)
+    assert list(rows.values()) == pytest.approx([640, 640])
+    assert ordered_categories([("b", {"y": 2}), ("a", {"x": 1})], "passed") == ["passed", "x", "y"]
+
+
+def test_names_are_escaped():
+    assert "<b>" not in table(["<b>"], [["<b>", "<b>"]], "<b>")
+    assert "<i>" not in heat_map(["<i>"], ["<i>"], {("<i>", "<i>"): 0.5}, {("<i>", "<i>"): "<i>"})
+
+
+def test_colours_run_from_pale_to_dark():
+    brightness = [sum(scale_colour(rate)) for rate in (0.0, 0.25, 0.5, 0.75, 1.0)]
+    assert brightness == sorted(brightness, reverse=True)
+    assert fractions(hexadecimal((0.2, 0.4, 1.0))) == (0.2, 0.4, 1.0)
+
+
+def test_picture_files_are_the_same_every_time(content):
+    pairs = content.trials["synthesized"]
+    first = heat_map_picture(pairs)
+    assert first == heat_map_picture(pairs) and first.startswith(b"\x89PNG")
+    sheet = Image.open(io.BytesIO(strip_picture(content.views[0].strips[0])))
+    assert sheet.size == (2 * 64, 64 + 24)
+
+
+def test_strips_name_the_outcome(content):
+    success, failure = content.views[0].strips
+    assert isinstance(success, Strip) and not success.failed and failure.failed
+    assert success.captions == ["settle", "hold"]

@@ -1,0 +1,73 @@
+"""Whole small runs on analytic shapes: chains find grasps, blocks and workers change nothing, the command works."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.hand.allegro import load_hand
+from pipeline.records.parameters import load_parameters
+from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters, StyleParameters
+from pipeline.records.tables import CANDIDATES, write_table
+from pipeline.synthesize import candidates
+from pipeline.synthesize.__main__ import sections
+from pipeline.synthesize.candidates import Request, split_chains, synthesize
+from tests.synthesize import shapes
+
+SETS = StyleParameters(
+    finger_sets=[["thumb", "index"], ["thumb", "index", "middle"]],
+    contacts={"thumb+index": 2, "thumb+index+middle": 3},
+    distal_links={"thumb+index+middle": 2},
+    chains=40,
+    iterations=600,
+    table_clearance=0.005,
+)
+
+
+def request(**changes) -> Request:
+    settings = SETS.model_copy(update=changes)
+    return Request(shapes.box(), "pinch", 3, EnergyParameters(), OptimizerParameters(), settings)
+
+
+@pytest.fixture(scope="module")
+def rows() -> pd.DataFrame:
+    return synthesize(request(), workers=1)
+
+
+def test_chains_find_grasps_that_close_on_a_box(rows):
+    assert (rows["rejected_by"] == "").sum() >= 5
+    good = rows[rows["rejected_by"] == ""]
+    for row in good.itertuples():
+        contacts = np.stack(row.contact_points)
+        # The box's own distance, not the grid's: contacts lie on its surface.
+        assert np.abs(shapes.box_distance(np.full(3, 0.021))(contacts)).sum() <= 0.005
+        fingers = {load_hand().contact_finger[c] for c in row.contact_candidates}
+        assert fingers == set(row.fingers.split("+"))
+        assert len(set(row.contact_candidates)) == len(row.contact_candidates)
+    q = np.stack(rows["q"].tolist())
+    assert (q >= load_hand().lower).all() and (q <= load_hand().upper).all()
+
+
+def test_rows_do_not_depend_on_blocks_and_fit_the_table(rows, monkeypatch, tmp_path):
+    monkeypatch.setattr(candidates, "CHAINS_PER_BLOCK", 7)
+    again = synthesize(request(), workers=2)
+    first, second = tmp_path / "a.parquet", tmp_path / "b.parquet"
+    write_table(first, rows, CANDIDATES)
+    write_table(second, again, CANDIDATES)
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_more_chains_leave_the_earlier_ones_as_they_are(rows):
+    longer = synthesize(request(chains=44), workers=1)
+    np.testing.assert_array_equal(np.stack(longer["q"].tolist())[:40], np.stack(rows["q"].tolist()))
+
+
+def test_every_chain_is_in_one_block():
+    blocks = split_chains(request(chains=101))
+    assert sorted(chain for block in blocks for chain in block.chains) == list(range(101))
+
+
+def test_sections_are_those_of_the_style():
+    assert "synthesize.side" not in sections("pinch", "cube")
+    assert set(load_parameters(sections("side", "cube"))) == set(sections("side", "cube"))

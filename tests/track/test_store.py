@@ -1,0 +1,123 @@
+import shutil
+import sqlite3
+
+import pytest
+
+from pipeline.records.errors import UserError
+from pipeline.track import store
+from pipeline.track.record import Record, StageRecord
+
+EXPERIMENT = "test"
+
+
+def record(key: str = "k1", merge: str = "m1") -> Record:
+    parameters = {f"group.parameter_{index}": index for index in range(250)}
+    return Record(
+        key=key,
+        parameters=parameters,
+        metrics={"merge.grasps": 8.0},
+        stages=[
+            StageRecord("prepare@cube", "p1", {"density": 500}, {}, {"wall_seconds": 2.0}),
+            StageRecord("merge", merge, {"merge.grasps_per_pair": 4}, {"grasps": 8.0}, {"wall_seconds": 30.0}),
+        ],
+    )
+
+
+@pytest.fixture(scope="session")
+def empty_database(tmp_path_factory):
+    """A new database without experiments; making one takes seconds."""
+    root = tmp_path_factory.mktemp("database")
+    store.open_client(root).search_experiments()
+    return root / "mlflow.db"
+
+
+@pytest.fixture
+def root(empty_database, tmp_path):
+    shutil.copy(empty_database, tmp_path / "mlflow.db")
+    return tmp_path
+
+
+def write(root, one: Record, artifacts=()) -> bool:
+    return store.write_record(root, EXPERIMENT, one, {"git.commit": "abc"}, artifacts)
+
+
+def runs(root, condition: str):
+    client = store.open_client(root)
+    home = client.get_experiment_by_name(EXPERIMENT)
+    return client.search_runs([home.experiment_id], condition, order_by=["attributes.start_time ASC"])
+
+
+def test_a_result_is_a_finished_parent_with_its_stages(root):
+    page = root / "index.html"
+    page.write_text("<p>")
+    assert write(root, record(), [page])
+    (parent,) = runs(root, "tags.`record.kind` = 'result'")
+    assert parent.info.status == "FINISHED"
+    assert len(parent.data.params) == 250 and parent.data.metrics == {"merge.grasps": 8.0}
+    assert parent.data.tags["git.commit"] == "abc" and parent.data.tags["record.key"] == "k1"
+    nested = runs(root, f"tags.mlflow.parentRunId = '{parent.info.run_id}'")
+    assert sorted(run.data.tags["dvc.stage"] for run in nested) == ["merge", "prepare@cube"]
+    assert {run.data.tags["dvc.stage_state"] for run in nested} == {"fresh"}
+    merge = next(run for run in nested if run.data.tags["dvc.stage"] == "merge")
+    assert merge.data.metrics == {"grasps": 8.0, "wall_seconds": 30.0}
+    kept = root / "mlartifacts" / parent.info.run_id / "artifacts" / "index.html"
+    assert kept.read_text() == "<p>"
+
+
+def test_the_same_result_is_recorded_once(root):
+    assert write(root, record())
+    assert not write(root, record())
+    assert len(runs(root, "")) == 3
+
+
+def test_a_stage_that_was_reused_points_to_its_first_run(root):
+    write(root, record("k1", "m1"))
+    write(root, record("k2", "m2"))
+    write(root, record("k3", "m1"))
+    first, second, third = runs(root, "tags.`dvc.stage` = 'merge'")
+    assert [run.data.tags["dvc.stage_state"] for run in (first, second, third)] == ["fresh", "fresh", "reused"]
+    assert third.data.tags["dvc.first_run_id"] == first.info.run_id
+    assert "wall_seconds" not in third.data.metrics and third.data.metrics["grasps"] == 8.0
+    assert len(runs(root, "tags.`dvc.stage` = 'prepare@cube' and tags.`dvc.stage_state` = 'fresh'")) == 1
+
+
+def test_an_interrupted_recording_is_done_again(root, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(store, "_write_stage", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            write(root, record())
+    assert write(root, record())
+    assert [run.info.status for run in runs(root, "tags.`record.kind` = 'result'")] == ["FINISHED"]
+    assert len(runs(root, "")) == 3
+
+
+def test_a_locked_database_is_one_sentence(root, monkeypatch):
+    monkeypatch.setattr(store, "LOCK_SECONDS", 0.1)
+    with sqlite3.connect(root / "mlflow.db", isolation_level=None) as other:
+        other.execute("BEGIN EXCLUSIVE")
+        with pytest.raises(UserError, match="another program is writing to it"):
+            write(root, record())
+    other.close()
+
+
+def test_a_file_that_is_no_database_is_one_sentence(tmp_path):
+    (tmp_path / "mlflow.db").write_text("no database at all, but long enough to be looked at " * 40)
+    with pytest.raises(UserError, match="damaged; move it away"):
+        write(tmp_path, record())
+
+
+@pytest.mark.parametrize("text", ["attempt to write a readonly database", "unable to open database file"])
+def test_an_unwritable_database_is_one_sentence(tmp_path, text):
+    assert "writable" in str(store._explained(tmp_path / "mlflow.db", text))
+
+
+def test_a_moved_repository_is_one_sentence(root, tmp_path):
+    write(root, record())
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    shutil.copy(root / "mlflow.db", elsewhere)
+    with pytest.raises(UserError, match="moved or copied"):
+        write(elsewhere, record())
