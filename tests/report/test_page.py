@@ -106,6 +106,13 @@ def test_the_page_is_well_formed_and_fetches_nothing(content):
     assert page == build_page(content, "/* library */")
 
 
+def test_the_views_offer_no_button_that_uploads(content):
+    page = build_page(content, "")
+    (buttons,) = re.findall(r"const buttons = (.*);", page)
+    assert set(sum(json.loads(buttons), [])) == {"orbitRotation", "zoom3d", "pan3d", "resetCameraDefault3d"}
+    assert "modeBarButtons: buttons" in page and 'plotlyServerURL: ""' in page
+
+
 def test_the_page_shows_the_pair_its_trials_and_the_paper(content):
     text = " ".join(parsed(build_page(content, "")).texts)
     for words in (
