@@ -69,6 +69,12 @@ class Parameters(Section):
                 raise ValueError(f"styles.{style} names an object twice")
         return self
 
+    @model_validator(mode="after")
+    def _frequencies_agree(self) -> Parameters:
+        if self.physics.frequency % self.evaluate.control_frequency:
+            raise ValueError(f"evaluate.control_frequency must divide physics.frequency ({self.physics.frequency})")
+        return self
+
 
 def _one_sentence(error: ValidationError, source: Path) -> str:
     first = error.errors()[0]
