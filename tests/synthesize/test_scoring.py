@@ -73,6 +73,10 @@ def test_first_failure_is_named(values, reason):
     assert first_failures(terms(**values), EnergyParameters())[0] == reason
 
 
+def test_a_term_that_is_not_a_number_fails():
+    assert first_failures(terms(force_closure=float("nan")), EnergyParameters())[0] == "force_closure"
+
+
 def test_a_duplicate_of_a_better_grasp_is_found():
     # 0 and 1 are alike, 2 is turned by 20 degrees, 3 has another joint, 4 would be a duplicate but is not eligible.
     turn = np.array([np.cos(np.deg2rad(10)), np.sin(np.deg2rad(10)), 0, 0])
