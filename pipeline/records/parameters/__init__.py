@@ -71,10 +71,9 @@ class Parameters(Section):
 
     @model_validator(mode="after")
     def _stages_agree(self) -> Parameters:
-        if self.synthesize.energy.object_points > self.prepare.surface_points:
-            raise ValueError(
-                f"synthesize.energy.object_points must not exceed prepare.surface_points ({self.prepare.surface_points})"
-            )
+        samples = self.prepare.surface_points
+        if self.synthesize.energy.object_points > samples:
+            raise ValueError(f"synthesize.energy.object_points must not exceed prepare.surface_points ({samples})")
         if self.physics.frequency % self.evaluate.control_frequency:
             raise ValueError(f"evaluate.control_frequency must divide physics.frequency ({self.physics.frequency})")
         return self
