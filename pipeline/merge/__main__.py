@@ -49,12 +49,15 @@ def merge() -> None:
                 parameters["validate"],
             )
             generator = item_generator(seed, "merge", first, second)
-            table = merge_pair(pair, grasps["pinch", first], grasps["side", second], generator, workers)
+            firsts, seconds = grasps["pinch", first], grasps["side", second]
+            table = merge_pair(pair, firsts, seconds, generator, workers)
             write_table(folder / paths.merged_file(first, second).name, table, MERGED)
             print(f"{first} then {second}: {summary(table)}")
             if not (table["rejected_by"] == "").any():
                 print(
-                    f"warning: no two-object grasp of {first} then {second}; the line above says why.", file=sys.stderr
+                    f"warning: no two-object grasp of {first} then {second}; there were {len(firsts)} pinch and "
+                    f"{len(seconds)} side grasps to combine.",
+                    file=sys.stderr,
                 )
 
 
