@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from pipeline.records import paths
-from pipeline.records.parameters import load_parameters
+from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.running import run_stage
 from pipeline.records.versions import installed_versions
 from pipeline.records.writing import whole_file, whole_folder, write_json
@@ -43,7 +43,8 @@ def work() -> None:
         for source in SOURCES
     }
     summary = summarize(parameters["scale"], funnels, merges, trials)
-    views, shapes = draw_views(tables, load_objects(tables), parameters["report"], evaluate)
+    workers = read_parameters().compute.workers
+    views, shapes = draw_views(tables, load_objects(tables), parameters["report"], evaluate, workers)
     content = PageContent(
         summary=summary,
         funnels=funnels,

@@ -40,6 +40,7 @@ MERGE = {
     "gravity": "with both objects in the hand, one was lost or moved too far in some gravity direction",
 }
 TRIALS = {
+    "no grasp": "no two-object grasp was accepted for the pair, so there was nothing to try",
     "plan first": "no collision-free motion of the arm to the first object was found, for any grasp tried",
     "plan second": "no collision-free motion to the second object was found, the first in the hand",
     "collision on approach": "an object was pushed before the fingers closed on it",
@@ -47,6 +48,7 @@ TRIALS = {
     "first lost in transit": "the first object slid far in the hand or left it before the end of the last lift",
     "second slip": "the second object was not high enough at the end of the last lift",
     "dropped in hold": "an object sank below the height of success during the hold",
+    "simulation diverged": "physics gave poses that are not numbers",
 }
 
 

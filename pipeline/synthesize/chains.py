@@ -51,7 +51,7 @@ def _schedule(
 
 
 def _polish(optimizer: OptimizerParameters) -> OptimizerParameters:
-    """Settings of the last phase: from the step at which the chain ended downwards, no noise, contacts fixed."""
+    """Settings of the last phase: from ``polish_step`` downwards, no noise, contacts fixed."""
     return optimizer.model_copy(
         update={
             "step": optimizer.polish_step,

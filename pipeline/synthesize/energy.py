@@ -36,10 +36,6 @@ class Grasps:
     def __len__(self) -> int:
         return len(self.position)
 
-    def rows(self, index: Any) -> Grasps:
-        """Return some grasps."""
-        return Grasps(self.position[index], self.rotation[index], self.q[index], self.contacts[index])
-
 
 @dataclass(frozen=True)
 class Terms:

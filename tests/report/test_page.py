@@ -79,7 +79,7 @@ def content(tables) -> PageContent:
         "can": StandIn(trimesh.creation.cylinder(radius=0.03, height=0.1)),
     }
     settings = ReportParameters(picture_width=64, picture_height=64, pictures_per_trial=2)
-    views, shapes = draw_views(tables, objects, settings, EvaluateParameters())  # type: ignore[arg-type]
+    views, shapes = draw_views(tables, objects, settings, EvaluateParameters(), workers=1)  # type: ignore[arg-type]
     funnels = [single_grasp_funnel(*key, tables.candidates[key], tables.validated[key]) for key in tables.candidates]
     merges = [pair_merge(*key, merged) for key, merged in tables.merged.items()]
     trials = {"synthesized": [pair_trials("cube", "can", tables.trials["synthesized", "cube"])]}

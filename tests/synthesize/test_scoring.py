@@ -95,6 +95,10 @@ def test_first_failed_check_is_named(values, reason):
     assert first_failures(terms(**values), EnergyParameters()).tolist() == [reason]
 
 
+def test_a_term_that_is_not_a_number_fails():
+    assert first_failures(terms(force_closure=float("nan")), EnergyParameters())[0] == "force_closure"
+
+
 def test_of_near_grasps_the_best_stays():
     turned = [Rotation.from_rotvec([0, 0, angle]).as_quat(scalar_first=True) for angle in (0, 0.1, 0, 0, 0.4, 0)]
     turned[1] = -turned[1]  # the same rotation
