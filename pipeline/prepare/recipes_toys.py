@@ -6,6 +6,7 @@ the same bits on every machine. (Smooth minimum: the quadratic one of I. Quilez,
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -48,9 +49,9 @@ def _duck_field(points: Field) -> Field:
     field = blended(field, rod(points, (-22, 0, 24), (-31, 0, 35), (9, 3)), 8)
     for side in (-1, 1):
         field = blended(field, ellipsoid(points, (-6, 19 * side, 23), (15, 4.5, 9)), 3)
-    field = blended(field, ellipsoid(points, (11, 0, 48.5), (17, 16, 17)), 7)
+    field = blended(field, ellipsoid(points, (11, 0, 48.5), (17.5, 16.5, 17)), 7)
     field = blended(field, ellipsoid(points, (28, 0, 45), (8, 8.5, 3.2)), 2.5)
-    return np.maximum(field, 2.0 - points[:, 2])
+    return np.maximum(field, 3.5 - points[:, 2])
 
 
 def _bunny_field(points: Field) -> Field:
@@ -67,7 +68,9 @@ def _bunny_field(points: Field) -> Field:
     return np.maximum(field, 1.0 - points[:, 2])
 
 
-def _surface(field: Any, low: Triple, high: Triple) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _surface(
+    field: Callable[[Field], Field], low: Triple, high: Triple
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     import manifold3d
 
     corner, opposite = np.array(low, np.float64), np.array(high, np.float64)
@@ -105,10 +108,10 @@ def train() -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     front = manifold3d.Manifold.cylinder(2.4, 11.0, 9.0, SEGMENTS).rotate((0, 90, 0)).translate((31.5, 0, 27.5))
     wheel = manifold3d.Manifold.cylinder(6, 9, 9, SEGMENTS).rotate((90, 0, 0))
     solids = [
-        box((-32, -15, 7), (33, 15, 16.5)),  # chassis
-        box((31, -17, 8), (33.9, 17, 15)),  # buffer beam
-        box((-31, -15, 16), (-11, 15, 50)),  # cab
-        box((-33.9, -17.5, 49), (-8, 17.5, 53)),  # roof
+        box((-32, -15, 7), (32, 15, 16.5)),  # chassis
+        box((31, -14, 8), (33.9, 14, 15)),  # buffer beam
+        box((-31, -14, 16), (-11, 14, 50)),  # cab
+        box((-33.9, -16, 49), (-8, 16, 53)),  # roof
         boiler,
         front,
         upright(22, 36, 51, 4.6, 5.2),  # chimney
