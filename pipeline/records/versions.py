@@ -13,7 +13,6 @@ PACKAGES = (
     "manifold3d",
     "mlflow",
     "numpy",
-    "ompl",
     "open3d",
     "pandas",
     "pin",

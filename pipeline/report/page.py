@@ -174,7 +174,7 @@ def success_section(content: PageContent, source: str, pairs: Sequence[PairTrial
     """Return heat map, figures per pair, and failure reasons of one source of grasps."""
     firsts, seconds = list(dict.fromkeys(p.first for p in pairs)), list(dict.fromkeys(p.second for p in pairs))
     rates = {(p.first, p.second): p.success_rate for p in pairs}
-    notes = {(p.first, p.second): f"{p.successes} of {p.trials}" if p.trials else "no grasp to try" for p in pairs}
+    notes = {(p.first, p.second): f"{p.successes} of {p.trials}" if p.trials else "no trials" for p in pairs}
     rows = []
     for p in pairs:
         low, high = wilson_interval(p.successes, p.trials)

@@ -70,7 +70,7 @@ class PairTrials:
 
     @property
     def success_rate(self) -> float:
-        """Successes / trials; 0 for a pair without trials, because there was no grasp to try."""
+        """Successes / trials; 0 for a pair without trials."""
         return ratio(self.successes, self.trials)
 
     @property

@@ -10,7 +10,7 @@ import yaml
 
 from tests.pipeline.conftest import WorkingCopy, copy_of_sources
 
-HEAVY = ("torch", "warp", "sapien", "mani_skill", "open3d", "pinocchio", "ompl", "trimesh", "mlflow", "plotly")
+HEAVY = ("torch", "warp", "sapien", "mani_skill", "open3d", "pinocchio", "coal", "trimesh", "mlflow", "plotly")
 COMMANDS = {
     "prepare": ("--object", "cube"),
     "synthesize": ("--style", "pinch", "--object", "cube"),

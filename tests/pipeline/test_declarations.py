@@ -74,7 +74,6 @@ def test_heavy_packages_are_imported_inside_functions(room):
         "open3d",
         "pinocchio",
         "coal",
-        "ompl",
         "trimesh",
         "mlflow",
         "plotly",

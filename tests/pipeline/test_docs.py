@@ -11,6 +11,7 @@ import yaml
 from pipeline.prepare.sources import FILE_FORMATS
 from pipeline.records import tables
 from pipeline.records.parameters import MeshParameters, ObjectParameters, Parameters
+from pipeline.report.meanings import MERGE, SYNTHESIS, TRIALS, VALIDATION
 from pipeline.workspace.scales import flatten, scales
 from tests.pipeline.declared import declared_stages
 
@@ -62,12 +63,14 @@ def with_folders(files: set[str]) -> set[str]:
 
 
 def names() -> set[str]:
-    """Parameters by every ending of their dotted name, columns of tables, and stages."""
+    """Parameters by every ending of their dotted name, columns of tables, checks, and stages."""
     found = {stage.name for stage in STAGES} | {stage.room for stage in STAGES}
     found |= set(MeshParameters.model_fields) | set(ObjectParameters.model_fields)
     for parameter in flatten(yaml.safe_load(text_of("params.yaml"))):
         parts = parameter.split(".")
         found |= {".".join(parts[i:j]) for i in range(len(parts)) for j in range(i + 1, len(parts) + 1)}
+    for meanings in (SYNTHESIS, VALIDATION, MERGE, TRIALS):
+        found |= {check.rstrip(":") for check in meanings}
     for schema in (tables.CANDIDATES, tables.VALIDATED, tables.MERGED, tables.TRIALS):
         found |= set(schema.names)
     return found

@@ -8,9 +8,10 @@ from pipeline.prepare.convex_parts import convex_hull, convex_parts, reduced_hul
 from pipeline.prepare.distance_grid import distance_grid, signed_distances
 from pipeline.prepare.frame import ROTATIONS, canonical_vertices
 from pipeline.prepare.mass import solid_properties
+from pipeline.prepare.recipes import CYLINDER_SEGMENTS, box_mesh, cylinder_mesh
 from pipeline.prepare.resting import stable_poses, stance
 from pipeline.prepare.samples import area_samples, farthest_point_order, surface_samples
-from pipeline.prepare.sources import CYLINDER_SEGMENTS, box_mesh, check_source, cylinder_mesh
+from pipeline.prepare.sources import check_source
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.objects import ObjectParameters
 from pipeline.records.parameters.prepare import PrepareParameters

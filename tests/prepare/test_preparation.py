@@ -5,7 +5,7 @@ import trimesh
 from pipeline.prepare.distance_grid import distance_grid
 from pipeline.prepare.mass import solid_properties
 from pipeline.prepare.preparation import prepare_object
-from pipeline.prepare.sources import box_mesh, cylinder_mesh
+from pipeline.prepare.recipes import box_mesh, cylinder_mesh
 from pipeline.records.distance import signed_distance
 from pipeline.records.errors import UserError
 from pipeline.records.objects import read_prepared_object, write_prepared_object

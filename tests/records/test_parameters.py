@@ -55,7 +55,7 @@ def test_the_committed_file_is_valid(repository):
         ("styles.pinch", ["cube", "dragon"], "styles.pinch names the unknown object 'dragon'; add it to objects"),
         ("styles.pinch", ["cube", "cube"], "styles.pinch names an object twice"),
         ("objects.cube.ycb", "018_plum", "objects.cube: name exactly one of ycb, recipe"),
-        ("objects.cube.extents", None, "objects.cube: extents belong to a recipe"),
+        ("objects.cube.extents", None, "objects.cube: every recipe needs extents"),
         ("objects.cube.extents", [0.1, 0.1, -0.1], "objects.cube: extents must be positive"),
         ("objects.Cube", {"recipe": "box", "extents": [1, 1, 1]}, "object name 'Cube': use small letters"),
         ("validate.gravity_directions", ["down"], "validate.gravity_directions.0"),

