@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import TypeVar
+
+from pipeline.compute.progress import watched
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -22,15 +23,10 @@ def fan_out(function: Callable[[Item], Result], items: Sequence[Item], workers: 
     The result must not depend on the number of workers: seed every item by what it is (``records.seeds``). With one
     worker everything runs in this process, which is easier to debug. ``function`` must be picklable (module level).
     """
-    from tqdm import tqdm
-
-    def progress(results: Iterable[Result]) -> list[Result]:
-        return list(tqdm(results, total=len(items), desc=label, file=sys.stderr, mininterval=1.0))
-
     count = min(worker_count(workers), max(len(items), 1))
     if count == 1:
-        return progress(function(item) for item in items)
+        return list(watched(map(function, items), len(items), label))
     from joblib import Parallel, delayed
 
     parallel = Parallel(n_jobs=count, return_as="generator", batch_size=1)
-    return progress(parallel(delayed(function)(item) for item in items))
+    return list(watched(parallel(delayed(function)(item) for item in items), len(items), label))

@@ -24,7 +24,7 @@ def evaluate(source: str, first: str) -> None:
     """Run all trials of the pairs that begin with ``first`` and write their table.
 
     Raises:
-        UserError: an input is missing or damaged, or the control frequency does not fit that of physics.
+        UserError: an input is missing or damaged, or ``styles.pinch`` does not name the object.
     """
     parameters = load_parameters(sections(first))
     workers = read_parameters().compute.workers
@@ -32,11 +32,6 @@ def evaluate(source: str, first: str) -> None:
     if first not in styles.pinch:
         raise UserError(
             f"params.yaml: styles.pinch does not name {first!r}; add it there, or use one of {', '.join(styles.pinch)}."
-        )
-    if parameters["physics"].frequency % parameters["evaluate"].control_frequency:
-        raise UserError(
-            "params.yaml: evaluate.control_frequency must divide physics.frequency "
-            f"({parameters['physics'].frequency}); correct it there."
         )
 
     import pandas as pd

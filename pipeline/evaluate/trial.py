@@ -96,8 +96,12 @@ class _Run:
         self.rest_for(self.settings.dwell_seconds)
 
     def pose(self, index: int) -> NDArray[np.float64]:
-        """``T_world_object`` (4, 4) of one object now."""
-        return self.scene.objects[index].pose
+        """``T_world_object`` (4, 4) of one object now.
+
+        Raises:
+            _Ended: physics has lost it; a pose that is not a number would pass every comparison below.
+        """
+        return _known(self.scene.objects[index].pose)
 
     def height(self, index: int) -> float:
         """Height of an object's centre of mass over where it rested, m."""
@@ -109,7 +113,7 @@ class _Run:
 
     def held_pose(self) -> NDArray[np.float64]:
         """``T_hand_object`` (4, 4) of object 0 now."""
-        return inverse_pose(self.scene.robot.link_pose("base_link")) @ self.pose(0)
+        return inverse_pose(_known(self.scene.robot.link_pose("base_link"))) @ self.pose(0)
 
     def end_phase(self, phase: str) -> None:
         """Name the phase that was completed and remember what the scene looks like."""
@@ -117,6 +121,12 @@ class _Run:
         poses = [np.concatenate(position_quaternion(self.pose(index))) for index in (0, 1)]
         self.snapshots.append((phase, self.scene.robot.q, poses[0], poses[1]))
         self.heights = np.array([self.height(0), self.height(1)])
+
+
+def _known(T: NDArray[np.float64]) -> NDArray[np.float64]:
+    if not np.isfinite(T).all():
+        raise _Ended("simulation diverged")
+    return T
 
 
 def _with_ring(hand_q: NDArray[np.float64], ring_q: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -173,10 +183,12 @@ def _choose(
 ) -> tuple[TwoObjectGrasp | None, Pick | None, int, str]:
     """Return the first grasp for which both picks can be planned, its first pick, the attempts made, and a reason.
 
+    The reason is ``no grasp`` when the pair has none, else the pick that could not be planned for any of them.
+
     Planning alone decides, before anything has moved; no grasp is tried in physics here. The second pick is planned
     as if the first went perfectly, and again later from what is measured.
     """
-    reason = "plan first"
+    reason = "plan first" if inputs.grasps else "no grasp"
     for attempt, grasp in enumerate(inputs.grasps, start=1):
         first = plan_pick(_first_task(grasp, obstacles, run), inputs.settings, rng)
         if first is None:
@@ -258,25 +270,26 @@ def run_trial(inputs: TrialInput) -> dict[str, Any]:
     """Run one trial and return its row of ``records.tables.TRIALS``.
 
     Phases: settle; open, approach, enter, close, lift the first object; the same for the second; hold. A reason ends
-    the trial: ``plan first``, ``plan second``, ``collision on approach``, ``first slip``, ``first lost in transit``,
-    ``second slip``, ``dropped in hold``.
+    the trial: ``no grasp`` (the pair has no merged grasp), ``plan first``, ``plan second``, ``collision on approach``,
+    ``first slip``, ``first lost in transit``, ``second slip``, ``dropped in hold``, ``simulation diverged``.
     """
     rng = np.random.Generator(np.random.PCG64(inputs.seed))
     offsets = placement_offsets(inputs.settings, rng)
     scene = build_scene(inputs.objects, inputs.settings, inputs.physics, offsets)
     run = _Run(scene, inputs.settings, rest=[body.pose for body in scene.objects])
-    run.rest_for(inputs.settings.settle_seconds)
-    run.rest = [run.pose(0), run.pose(1)]
-    run.end_phase("settle")
     obstacles = (object_obstacle(inputs.objects[0], "object0"), object_obstacle(inputs.objects[1], "object1"))
-    grasp, pick, attempts, reason = _choose(inputs, run, obstacles, rng)
-    if grasp is not None and pick is not None:
-        try:
+    grasp, attempts = None, 0
+    try:
+        run.rest_for(inputs.settings.settle_seconds)
+        run.rest = [run.pose(0), run.pose(1)]
+        run.end_phase("settle")
+        grasp, pick, attempts, reason = _choose(inputs, run, obstacles, rng)
+        if grasp is not None and pick is not None:
             _pick_first(run, grasp, pick)
             _pick_second(run, grasp, obstacles, rng)
             _hold(run)
-        except _Ended as end:
-            reason = str(end)
+    except _Ended as end:
+        reason = str(end)
     lifted = next((s for s in run.snapshots if s[0] == "lift second"), None)
     rises = [] if lifted is None else [lifted[2 + i][2] - run.rest[i][2, 3] for i in (0, 1)]
     return {

@@ -19,7 +19,6 @@ from pipeline.hand.assets import allegro_description
 
 TIP_RADIUS = 0.012  # m
 JOINT_NAMES = tuple(f"joint_{index}.0" for index in range(16))
-FINGERS = ("thumb", "index", "middle", "ring", "palm")
 FINGER_JOINTS: dict[str, tuple[int, ...]] = {
     "index": (0, 1, 2, 3),
     "middle": (4, 5, 6, 7),

@@ -87,12 +87,12 @@ def compose_robot(arm: bool, visuals: bool) -> str:
     return ElementTree.tostring(robot, encoding="unicode")
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=1)
 def _folder() -> tempfile.TemporaryDirectory[str]:
     return tempfile.TemporaryDirectory(prefix="panda-allegro-")
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=2)
 def robot_file(arm: bool) -> Path:
     """Write the visual-free URDF once per process and return its path, for loaders that want a file."""
     target = Path(_folder().name) / ("panda_allegro.urdf" if arm else "allegro.urdf")

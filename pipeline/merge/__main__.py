@@ -23,7 +23,7 @@ def merge() -> None:
     styles, seed = parameters["styles"], parameters["seed"]
 
     from pipeline.merge.combination import Pair
-    from pipeline.merge.grasps import validated_grasps
+    from pipeline.merge.grasps import distinct_grasps, validated_grasps
     from pipeline.merge.pairs import merge_pair, summary
     from pipeline.records.objects import load_prepared_object
     from pipeline.records.seeds import item_generator
@@ -31,8 +31,9 @@ def merge() -> None:
     from pipeline.records.writing import whole_folder
 
     grasps = {
-        (style, name): validated_grasps(
-            read_table(paths.validated_file(style, name), VALIDATED, f"validate-{style}@{name}")
+        (style, name): distinct_grasps(
+            validated_grasps(read_table(paths.validated_file(style, name), VALIDATED, f"validate-{style}@{name}")),
+            parameters["merge"].distinct_distance,
         )
         for style in ("pinch", "side")
         for name in getattr(styles, style)
@@ -48,11 +49,16 @@ def merge() -> None:
                 parameters["validate"],
             )
             generator = item_generator(seed, "merge", first, second)
-            table = merge_pair(pair, grasps["pinch", first], grasps["side", second], generator, workers)
+            firsts, seconds = grasps["pinch", first], grasps["side", second]
+            table = merge_pair(pair, firsts, seconds, generator, workers)
             write_table(folder / paths.merged_file(first, second).name, table, MERGED)
             print(f"{first} then {second}: {summary(table)}")
             if not (table["rejected_by"] == "").any():
-                print(f"warning: no two-object grasp of {first} then {second}; see above.", file=sys.stderr)
+                print(
+                    f"warning: no two-object grasp of {first} then {second}; there were {len(firsts)} pinch and "
+                    f"{len(seconds)} side grasps to combine.",
+                    file=sys.stderr,
+                )
 
 
 def main() -> int:

@@ -54,7 +54,8 @@ def try_combination(pair: Pair, grasps: tuple[SingleGrasp, SingleGrasp]) -> dict
         return row | {"rejected_by": "fingers"}
     if pair.merge.physics_test:
         grasp = settle_pinch(grasp, pair.object0, pair.physics)
-        if np.linalg.norm((grasp.T_hand_held0 - grasp.T_hand_object0)[:3, 3]) > pair.validate.drift_limit:
+        moved = np.linalg.norm((grasp.T_hand_held0 - grasp.T_hand_object0)[:3, 3])
+        if not moved <= pair.validate.drift_limit:  # also when physics lost it and it is not a number
             return row | {"rejected_by": "settling"}
     row["rejected_by"] = (
         _static_checks(pair, grasp, row) or _approach_checks(pair, grasp, row) or _gravity_check(pair, grasp, row)

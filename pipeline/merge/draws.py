@@ -28,17 +28,20 @@ def next_combinations(
         accepted: those that passed so far.
 
     Returns:
-        At most ``count`` combinations to try, and what remains pending; combinations of grasps that are used up are
-        in neither, those that must wait for the outcome of the taken ones remain.
+        At most ``count`` combinations to try, and what remains pending, in order. Combinations met on the way whose
+        grasps are used up are in neither, those that must wait for the outcome of the taken ones remain. What lies
+        behind the last one taken is not looked at: there may be half a million.
     """
     used: tuple[Counter[int], Counter[int]] = Counter(a for a, _ in accepted), Counter(b for _, b in accepted)
     spent = used[0].copy(), used[1].copy()
     taken: list[Combination] = []
     waiting: list[Combination] = []
-    for first, second in pending:
+    for position, (first, second) in enumerate(pending):
+        if len(taken) == count:
+            return taken, [*waiting, *pending[position:]]
         if spent[0][first] >= most_per_grasp or spent[1][second] >= most_per_grasp:
             continue
-        if len(taken) < count and used[0][first] < most_per_grasp and used[1][second] < most_per_grasp:
+        if used[0][first] < most_per_grasp and used[1][second] < most_per_grasp:
             taken.append((first, second))
             used[0][first] += 1
             used[1][second] += 1

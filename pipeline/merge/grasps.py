@@ -15,7 +15,6 @@ from pipeline.hand.surface import hand_surface
 from pipeline.records.poses import inverse_pose, pose_matrix, transform_points
 
 RING_JOINTS = finger_joints(["ring"])
-PINCH_JOINTS = finger_joints(["thumb", "index", "middle"])
 RING_LINKS = ("link_8.0", *FINGER_LINKS["ring"])
 
 

@@ -11,7 +11,7 @@ import pandas as pd
 from pipeline.compute.fan_out import fan_out
 from pipeline.merge.combination import Pair, try_combination
 from pipeline.merge.draws import Combination, next_combinations, random_order
-from pipeline.merge.grasps import SingleGrasp, distinct_grasps
+from pipeline.merge.grasps import SingleGrasp
 from pipeline.records.tables import MERGED
 
 CHUNK = 24  # most combinations tried at once; not the number of workers, on which results must not depend
@@ -20,8 +20,8 @@ SPARE = 4  # combinations tried at once beyond those still wanted: some will be 
 
 def merge_pair(
     pair: Pair,
-    first_grasps: list[SingleGrasp],
-    second_grasps: list[SingleGrasp],
+    firsts: list[SingleGrasp],
+    seconds: list[SingleGrasp],
     generator: np.random.Generator,
     workers: int,
 ) -> pd.DataFrame:
@@ -29,10 +29,11 @@ def merge_pair(
 
     Trying ends with ``grasps_per_pair`` accepted rows, with ``most_combinations`` rows, or when nothing is left that
     would not use a single grasp more than ``most_per_grasp`` times.
+
+    Args:
+        firsts, seconds: distinct validated grasps of the two objects.
     """
     settings = pair.merge
-    firsts = distinct_grasps(first_grasps, settings.distinct_distance)
-    seconds = distinct_grasps(second_grasps, settings.distinct_distance)
     pending = random_order(len(firsts), len(seconds), generator)
     rows: list[dict[str, Any]] = []
     accepted: list[Combination] = []

@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from pipeline.hand.approach import EXTENDED_FINGER
 from pipeline.merge.grasps import RING_JOINTS, MergedGrasp
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
 
-PARKED_RING = (0.0, -0.1, 0.0, 0.0)  # rad, straight: away from object 0
 RAMP_SECONDS = 0.5
 DWELL_SECONDS = 0.3
 RAMP_STEPS = 25
@@ -30,7 +30,7 @@ def settle_pinch(grasp: MergedGrasp, object0: PreparedObject, settings: PhysicsP
     from pipeline.physics.world import make_world
 
     start, target = grasp.q.copy(), grasp.squeeze_q.copy()
-    start[RING_JOINTS] = target[RING_JOINTS] = PARKED_RING
+    start[RING_JOINTS] = target[RING_JOINTS] = EXTENDED_FINGER  # away from object 0
     world = make_world(settings, np.zeros(3))
     robot = add_robot(world, settings, False, np.eye(4), start)
     body = add_object(world, object0, settings, grasp.T_hand_object0)

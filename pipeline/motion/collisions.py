@@ -145,23 +145,6 @@ class CollisionWorld:
         """Whether every row of ``path`` (n, 7) collides with nothing."""
         return all(self.is_free(q) for q in path)
 
-    def colliding_pairs(self, q: NDArray[np.float64]) -> list[tuple[str, str]]:
-        """Return the names of all shapes that collide at ``q`` (7,), for explanations."""
-        import pinocchio as pin
-
-        pin.computeCollisions(self.arm.model, self._data, self._geometry, self._geometry_data, q, False)
-        found = []
-        for index in range(len(self._geometry.collisionPairs)):
-            if self._geometry_data.collisionResults[index].isCollision():
-                pair = self._geometry.collisionPairs[index]
-                found.append(
-                    (
-                        self._geometry.geometryObjects[pair.first].name,
-                        self._geometry.geometryObjects[pair.second].name,
-                    )
-                )
-        return found
-
 
 def _is_link(name: str, links: Sequence[str]) -> bool:
     """Whether a geometry ``panda_link3_0`` belongs to one of ``links``."""

@@ -42,27 +42,24 @@ def add_object(
     settings: PhysicsParameters,
     T_world_object: ArrayLike,
     name: str | None = None,
-    fixed: bool = False,
 ) -> Body:
     """Add an object: its convex parts collide; mass and inertia are the prepared ones.
 
     Args:
         T_world_object: (4, 4) first pose.
         name: name of the body; the object's name when left out.
-        fixed: the object never moves (a static body).
     """
     from sapien import physx
 
     material = physx.PhysxMaterial(settings.object_friction, settings.object_friction, 0.0)
-    component = physx.PhysxRigidStaticComponent() if fixed else physx.PhysxRigidDynamicComponent()
+    component = physx.PhysxRigidDynamicComponent()
     for vertices, _ in prepared.parts:
         component.attach(
             physx.PhysxCollisionShapeConvexMesh(
                 vertices=np.asarray(vertices, dtype=np.float32), scale=[1, 1, 1], material=material
             )
         )
-    if not fixed:
-        _set_inertia(component, prepared.mass, prepared.inertia)
+    _set_inertia(component, prepared.mass, prepared.inertia)
     return _add(world, component, T_world_object, name or prepared.name)
 
 

@@ -84,7 +84,10 @@ def hold_in_gravities(
         rows.append(tuple(row))  # type: ignore[arg-type]
         total += steps
         drift, rotation, in_contact, _ = rows[-1]
-        held = all(in_contact) and max(drift) <= limits.drift_limit and max(rotation) <= limits.rotation_limit
+        # Each by itself: max() would pass over a drift that is not a number.
+        held = all(in_contact)
+        held &= all(value <= limits.drift_limit for value in drift)
+        held &= all(value <= limits.rotation_limit for value in rotation)
         if not held and not failed:
             failed = direction
         if failed and limits.early_rejection:

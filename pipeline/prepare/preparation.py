@@ -46,6 +46,7 @@ def prepare_object(
     parts, lost = convex_parts.convex_parts(vertices, faces, parameters)
     parts_volume = _union_volume(parts)
     grid = distance_grid.distance_grid(vertices, faces, parameters.distance_cells, parameters.distance_padding)
+    # Seeded by the name alone: another run seed must not change what the objects are.
     surface = samples.surface_samples(vertices, faces, parameters.surface_points, item_generator(0, "prepare", name))
     hull_volume = mass.solid_properties(*convex_parts.convex_hull(vertices))[0]
     repairs = list(solid.repairs)

@@ -121,23 +121,23 @@ def read_prepared_object(folder: Path) -> PreparedObject:
         distance = np.load(folder / "distance.npy", allow_pickle=False)
         if len(parts) != facts["part_count"]:
             raise ValueError("parts are missing")
+        return PreparedObject(
+            name=name,
+            vertices=np.asarray(mesh.vertices, dtype=np.float64),
+            faces=np.asarray(mesh.faces, dtype=np.int64),
+            parts=tuple((np.asarray(p.vertices, np.float64), np.asarray(p.faces, np.int64)) for p in parts),
+            distance=distance,
+            distance_origin=np.asarray(facts["distance_origin"], dtype=np.float64),
+            distance_spacing=float(facts["distance_spacing"]),
+            surface_points=surface[:, :3],
+            surface_normals=surface[:, 3:],
+            mass=float(facts["mass"]),
+            inertia=np.asarray(facts["inertia"], dtype=np.float64),
+            volume=float(facts["volume"]),
+            extents=np.asarray(facts["extents"], dtype=np.float64),
+            provenance=facts["provenance"],
+        )
     except FileNotFoundError as error:
         raise UserError(f"{error.filename or folder} is missing; {mend}.") from error
-    except (ValueError, KeyError, OSError) as error:
+    except (ValueError, TypeError, LookupError, EOFError, OSError) as error:
         raise UserError(f"{folder} is damaged ({error}); {mend}.") from error
-    return PreparedObject(
-        name=name,
-        vertices=np.asarray(mesh.vertices, dtype=np.float64),
-        faces=np.asarray(mesh.faces, dtype=np.int64),
-        parts=tuple((np.asarray(p.vertices, np.float64), np.asarray(p.faces, np.int64)) for p in parts),
-        distance=distance,
-        distance_origin=np.asarray(facts["distance_origin"], dtype=np.float64),
-        distance_spacing=float(facts["distance_spacing"]),
-        surface_points=surface[:, :3],
-        surface_normals=surface[:, 3:],
-        mass=float(facts["mass"]),
-        inertia=np.asarray(facts["inertia"], dtype=np.float64),
-        volume=float(facts["volume"]),
-        extents=np.asarray(facts["extents"], dtype=np.float64),
-        provenance=facts["provenance"],
-    )

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 PARAMETERS_FILE = Path("params.yaml")
-RAW_FOLDER = Path("data/raw")
 MERGE_FOLDER = Path("data/merge")
 REPORT_PAGE = Path("reports/index.html")
 FIGURES_FOLDER = Path("reports/figures")

@@ -5,15 +5,16 @@ from __future__ import annotations
 import argparse
 
 from pipeline.records import paths
-from pipeline.records.parameters import load_parameters
+from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.running import run_stage
 from pipeline.records.versions import installed_versions
 from pipeline.records.writing import whole_file, whole_folder, write_json
 
 
 def sections() -> list[str]:
-    """Parameter sections that the stage declares."""
-    return ["scale", "styles", "evaluate", "report"]
+    """Parameter sections that the stage declares: all that its page shows, so all on which results depend."""
+    stages = ["prepare", "synthesize", "physics", "validate", "merge", "evaluate", "report"]
+    return ["scale", "seed", "styles", "objects", "meshes", *stages]
 
 
 def work() -> None:
@@ -24,10 +25,13 @@ def work() -> None:
     from pipeline.report.page import PageContent, build_page
     from pipeline.report.rates import pair_merge, pair_trials, single_grasp_funnel
     from pipeline.report.scene import UNIT
+    from pipeline.report.settings import section_rows
     from pipeline.report.summary import summarize
     from pipeline.report.tables import SOURCES, load_tables
 
     styles, evaluate = parameters["styles"], parameters["evaluate"]
+    settings = {name: list(section_rows(name, value)) for name, value in parameters.items()}
+    settings = {"run": settings.pop("scale") + settings.pop("seed"), **settings}
     tables = load_tables(styles)
     funnels = [
         single_grasp_funnel(style, name, candidates, tables.validated[style, name])
@@ -39,7 +43,8 @@ def work() -> None:
         for source in SOURCES
     }
     summary = summarize(parameters["scale"], funnels, merges, trials)
-    views, shapes = draw_views(tables, load_objects(tables), parameters["report"], evaluate)
+    workers = read_parameters().compute.workers
+    views, shapes = draw_views(tables, load_objects(tables), parameters["report"], evaluate, workers)
     content = PageContent(
         summary=summary,
         funnels=funnels,
@@ -51,6 +56,7 @@ def work() -> None:
         success_height=evaluate.success_height,
         hold_seconds=evaluate.hold_seconds,
         versions=installed_versions(),
+        settings=settings,
     )
     from plotly.offline import get_plotlyjs
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
+from pipeline.compute.fan_out import fan_out
 from pipeline.pictures.camera import framing, look_at
 from pipeline.pictures.render import Body, render
 from pipeline.pictures.robot import hand_bodies, robot_bodies
@@ -42,33 +45,60 @@ POSTER_SIZE = (400, 400)  # pixels
 HAND_LIGHTENING = 0.3  # the interactive view has no fill light: dark links would be black
 
 
+@dataclass(frozen=True)
+class PairTask:
+    """What is to be drawn of one pair."""
+
+    names: tuple[str, str]
+    objects: tuple[PreparedObject, PreparedObject]
+    merged: pd.DataFrame
+    trials: tuple[pd.DataFrame, ...]  # of every source, all pairs that begin with the first object
+    settings: ReportParameters
+    evaluate: EvaluateParameters
+
+
 def draw_views(
-    tables: Tables, objects: Mapping[str, PreparedObject], settings: ReportParameters, evaluate: EvaluateParameters
+    tables: Tables,
+    objects: Mapping[str, PreparedObject],
+    settings: ReportParameters,
+    evaluate: EvaluateParameters,
+    workers: int,
 ) -> tuple[list[PairView], dict[str, dict[str, list[int]]]]:
     """Return what is shown of every pair, and the shapes that its interactive grasps place.
 
     Args:
         objects: every object of the tables.
+        workers: processes to draw with; see ``compute.fan_out``.
     """
-    views, used = [], set()
-    for (first, second), merged in tables.merged.items():
-        pair = (objects[first], objects[second])
-        chosen = [choose_trials(first, second, tables.trials[source, first]) for source in SOURCES]
-        shown = [row for choice in chosen for row in (choice.success, choice.failure) if row is not None]
-        grasps = shown_grasps(merged, [int(row["merged_id"]) for row in shown]).to_dict("records")
-        strips = [trial_strip(row, pair, settings, evaluate) for row in shown]
-        views.append(
-            PairView(
-                first=first,
-                second=second,
-                grasps=[grasp_record(grasp, _placed_links(np.asarray(grasp["q"]))) for grasp in grasps],
-                poster=grasp_poster(grasps[0], pair) if grasps else None,
-                strips=strips,
-            )
+    tasks = [
+        PairTask(
+            names=(first, second),
+            objects=(objects[first], objects[second]),
+            merged=merged,
+            trials=tuple(tables.trials[source, first] for source in SOURCES),
+            settings=settings,
+            evaluate=evaluate,
         )
-        used |= {first, second} if grasps else set()
+        for (first, second), merged in tables.merged.items()
+    ]
+    views = fan_out(draw_view, tasks, workers, "pictures of pairs")
+    used = {name for view in views if view.grasps for name in (view.first, view.second)}
     shapes = {f"object/{name}": shape_record(decimated(_mesh(objects[name]), MOST_FACES)) for name in sorted(used)}
     return views, (shapes | _link_shapes() if used else {})
+
+
+def draw_view(task: PairTask) -> PairView:
+    """Return what is shown of one pair: some merged grasps, and a successful and a failed trial of every source."""
+    chosen = [choose_trials(*task.names, trials) for trials in task.trials]
+    shown = [row for choice in chosen for row in (choice.success, choice.failure) if row is not None]
+    grasps = shown_grasps(task.merged, [int(row["merged_id"]) for row in shown]).to_dict("records")
+    return PairView(
+        first=task.names[0],
+        second=task.names[1],
+        grasps=[grasp_record(grasp, _placed_links(np.asarray(grasp["q"]))) for grasp in grasps],
+        poster=grasp_poster(grasps[0], task.objects) if grasps else None,
+        strips=[trial_strip(row, task.objects, task.settings, task.evaluate) for row in shown],
+    )
 
 
 def load_objects(tables: Tables) -> dict[str, PreparedObject]:

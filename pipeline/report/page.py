@@ -12,7 +12,9 @@ from typing import Any
 
 from pipeline.report import paper
 from pipeline.report.charts import bars_with_table, heat_map, percent, table
+from pipeline.report.meanings import MERGE, SYNTHESIS, TRIALS, VALIDATION, explained
 from pipeline.report.rates import Funnel, PairMerge, PairTrials, ratio, wilson_interval
+from pipeline.report.settings import Row
 from pipeline.report.summary import Value
 
 PASSED = "passed"
@@ -60,6 +62,7 @@ class PageContent:
     success_height: float  # m
     hold_seconds: float
     versions: Mapping[str, str]
+    settings: Mapping[str, Sequence[Row]]  # per section of params.yaml
 
 
 def data_uri(jpeg: bytes) -> str:
@@ -91,7 +94,7 @@ def build_page(content: PageContent, plotly_source: str) -> str:
     scene_data = inert_json({"unit": content.shape_unit, "shapes": content.shapes, "pairs": scenes})
     library = plotly_source.replace("</script", "<\\/script")
     sections = [
-        ("seen", "What is seen", seen_section(content)),
+        ("done", "What was done", done_section(content)),
         *[
             (f"success-{source}", f"Success: {SOURCE_TITLES[source]}", success_section(content, source, pairs))
             for source, pairs in content.trials.items()
@@ -99,6 +102,7 @@ def build_page(content: PageContent, plotly_source: str) -> str:
         ("pairs", "Every pair: grasps and trials", pairs_section(content.views)),
         ("single", "Single grasps", single_section(content.funnels)),
         ("merge", "Merging", merge_section(content.merges)),
+        ("settings", "Settings", settings_section(content.settings)),
         ("versions", "Versions and durations", versions_section(content.versions)),
     ]
     css = (here / "page.css").read_text()
@@ -151,7 +155,7 @@ def headline(content: PageContent) -> str:
     )
 
 
-def seen_section(content: PageContent) -> str:
+def done_section(content: PageContent) -> str:
     """Return the paragraph that says what this page is about and how success is judged."""
     return (
         "<p>A simulated Panda arm with an Allegro hand picks up a first object with thumb, index and middle finger, "
@@ -201,7 +205,9 @@ def success_section(content: PageContent, source: str, pairs: Sequence[PairTrial
         "<p>Rows: the object picked up first. Columns: the object picked up second.</p>\n"
         f'<div class="beside">{heat_map(firsts, seconds, rates, notes)}{_paper_success(summary, prefix, pairs)}</div>\n'
         f"{table(headers, rows)}"
-        "<h3>Why trials failed</h3>\n" + bars_with_table(bars, SUCCESS, "Outcomes of trials per pair", "pair")
+        "<h3>Why trials failed</h3>\n"
+        + bars_with_table(bars, SUCCESS, "Outcomes of trials per pair", "pair")
+        + explained((reason for p in pairs for reason in p.reasons), TRIALS)
     )
 
 
@@ -217,8 +223,8 @@ def _paper_success(summary: Mapping[str, Value], prefix: str, pairs: Sequence[Pa
         ["trials per pair", " / ".join(str(n) for n in sorted({p.trials for p in pairs})), str(paper.TRIALS_PER_PAIR)],
     ]
     note = (
-        '<p class="note">Of the published heat map only these figures are known here, not its single cells; its pairs '
-        "are those of all sixteen objects.</p>"
+        '<p class="note">Of the published heat map only these figures are known here, not its single cells. Its pairs '
+        "are those of sixteen objects, so that the two means are over different pairs.</p>"
     )
     return f"<div>{table(['', 'here', 'paper'], rows)}{note}</div>"
 
@@ -280,6 +286,8 @@ def single_section(funnels: Sequence[Funnel]) -> str:
     chains = [(name, {PASSED: f.passed, **f.synthesize_rejected}) for name, f in names]
     physics = [(name, {PASSED: f.validated, **f.validate_rejected}) for name, f in names]
     return (
+        "<p>A chain is one run of the optimiser from one start; the filter sets limits on the terms of its energy; the "
+        "grasps that pass it are tested in physics.</p>\n"
         "<p>The two columns of rates are not the same measure. Ours: grasps that passed every check of physics "
         "(contact <em>and</em> drift in six gravity directions, execution from a table) per chain run. Table I of the "
         "paper: successes per batch under its own schedule, its own table simulation and its rule that some contact "
@@ -287,8 +295,10 @@ def single_section(funnels: Sequence[Funnel]) -> str:
         f"{table(headers, rows)}"
         "<h3>Synthesis: chains by the first check of the filter that they failed</h3>\n"
         + bars_with_table(chains, PASSED, "Fate of chains per object", "object")
+        + explained((check for f in funnels for check in f.synthesize_rejected), SYNTHESIS)
         + "<h3>Validation: grasps that passed the filter, by the first check of physics that they failed</h3>\n"
         + bars_with_table(physics, PASSED, "Fate of tested grasps per object", "object")
+        + explained((check for f in funnels for check in f.validate_rejected), VALIDATION)
     )
 
 
@@ -299,6 +309,20 @@ def merge_section(merges: Sequence[PairMerge]) -> str:
         "<p>Combinations of a pinch grasp and a side grasp that were tried for each pair, by the first check that they "
         "failed. Combinations are tried in random order until enough are accepted, so the counts differ.</p>\n"
         + bars_with_table(bars, PASSED, "Fate of combinations per pair", "pair")
+        + explained((check for m in merges for check in m.rejected), MERGE)
+    )
+
+
+def settings_section(settings: Mapping[str, Sequence[Row]]) -> str:
+    """Return all parameters, one table to open per section of ``params.yaml``."""
+    folds = "".join(
+        f'<details><summary>{escape(section)}</summary><div class="settings">'
+        f"{table(['parameter', 'value', 'meaning'], rows)}</div></details>\n"
+        for section, rows in settings.items()
+    )
+    return (
+        "<p>All of <code>params.yaml</code> on which results depend. What differs from the paper, and why, is in "
+        f"<code>docs/departures.md</code>.</p>\n{folds}"
     )
 
 

@@ -89,7 +89,9 @@
       alive.push(view);
     }
     const select = view.parentElement.querySelector("select");
-    const options = { displaylogo: false, responsive: true, modeBarButtonsToRemove: ["toImage"] };
+    // Named one by one: among the library's own choice is a button that uploads the chart.
+    const buttons = [["orbitRotation", "zoom3d", "pan3d", "resetCameraDefault3d"]];
+    const options = { displaylogo: false, responsive: true, modeBarButtons: buttons, plotlyServerURL: "" };
     library.react(scene, traces(grasps[Number(select.value)]), layout(), options);
   }
 

@@ -51,7 +51,7 @@ def _schedule(
 
 
 def _polish(optimizer: OptimizerParameters) -> OptimizerParameters:
-    """Settings of the last phase: from the step at which the chain ended downwards, no noise, contacts fixed."""
+    """Settings of the last phase: from ``polish_step`` downwards, no noise, contacts fixed."""
     return optimizer.model_copy(
         update={
             "step": optimizer.polish_step,
@@ -65,6 +65,45 @@ def _polish(optimizer: OptimizerParameters) -> OptimizerParameters:
     )
 
 
+def launch_chains(
+    scene: EnergyScene,
+    optimizer: OptimizerParameters,
+    iterations: int,
+    current: Any,
+    best: Any,
+    slots: Sequence[NDArray[np.float64]],
+    free: NDArray[np.bool_],
+    seeds: NDArray[np.int64],
+) -> None:
+    """Move ``current`` by Metropolis-adjusted steps in place; ``best`` is replaced by every better state.
+
+    Args:
+        iterations: number of steps; the schedule is fitted to it.
+        current: ``energy_kernel.States`` of B chains; evaluated here.
+        best: the same, holding the best states so far; evaluated here.
+        slots: per contact, the chance (143,) of every candidate; see ``energy.contact_slots``.
+        free: (16,) joints that may move.
+        seeds: (B,) 31-bit seeds of the chains.
+    """
+    wp, kernel, count = scene.wp, scene.kernel, len(seeds)
+    grasps = read_grasps(current)
+    proposal, scratch = scene.states(grasps), scene.scratch(grasps)
+    scene.launch_evaluation(current, scratch)
+    scene.launch_evaluation(best, scratch)
+    schedule = _schedule(scene, optimizer, iterations, slots, free)
+    mean_square = wp.zeros((count, kernel.DEGREES), dtype=float, device=scene.device)
+    seed_array = wp.array(seeds.astype(np.int32), dtype=int, device=scene.device)
+    wp.launch(
+        kernel.anneal_kernel,
+        dim=count,
+        inputs=[
+            scene.hand, scene.scene, scene.weights, schedule, current, proposal, best, scratch, mean_square,
+            seed_array, iterations,
+        ],
+        device=scene.device,
+    )  # fmt: skip
+
+
 def run_chains(
     scene: EnergyScene,
     optimizer: OptimizerParameters,
@@ -74,38 +113,16 @@ def run_chains(
     free: NDArray[np.bool_],
     seeds: NDArray[np.int64],
 ) -> tuple[Grasps, Terms]:
-    """Return the best state of every chain and its terms.
+    """Return the best state of every chain and its terms: annealed, then polished.
 
     Args:
         iterations: length of each chain, before polishing.
         first: (B,) first states.
-        slots: per contact, the chance of every candidate; see ``energy.contact_slots``.
-        free: (16,) joints that may move.
-        seeds: (B,) 31-bit seeds of the chains.
+        slots, free, seeds: see :func:`launch_chains`.
     """
-    wp, kernel = scene.wp, scene.kernel
-    current, proposal, best = scene.states(first), scene.states(first), scene.states(first)
-    scratch = scene.scratch(first)
-    seed_array = wp.array(seeds.astype(np.int32), dtype=int, device=scene.device)
-
-    def anneal(settings: OptimizerParameters, length: int) -> None:
-        schedule = _schedule(scene, settings, length, slots, free)
-        mean_square = wp.zeros((len(first), kernel.DEGREES), dtype=float, device=scene.device)
-        wp.launch(
-            kernel.anneal_kernel,
-            dim=len(first),
-            inputs=[
-                scene.hand, scene.scene, scene.weights, schedule, current, proposal, best, scratch, mean_square,
-                seed_array, 0, length,
-            ],
-            device=scene.device,
-        )  # fmt: skip
-
-    scene.launch_evaluation(current, scratch)
-    scene.launch_evaluation(best, scratch)
-    anneal(optimizer, iterations)
+    best = scene.states(first)
+    launch_chains(scene, optimizer, iterations, scene.states(first), best, slots, free, seeds)
     if optimizer.polish_iterations > 0:
         current = scene.states(read_grasps(best))
-        scene.launch_evaluation(current, scratch)
-        anneal(_polish(optimizer), optimizer.polish_iterations)
+        launch_chains(scene, _polish(optimizer), optimizer.polish_iterations, current, best, slots, free, seeds)
     return read_grasps(best), read_terms(best)

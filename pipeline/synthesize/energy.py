@@ -36,10 +36,6 @@ class Grasps:
     def __len__(self) -> int:
         return len(self.position)
 
-    def rows(self, index: Any) -> Grasps:
-        """Return some grasps."""
-        return Grasps(self.position[index], self.rotation[index], self.q[index], self.contacts[index])
-
 
 @dataclass(frozen=True)
 class Terms:
@@ -349,10 +345,9 @@ def contact_slots(hand: Hand, fingers: Sequence[str], count: int, distal_links: 
     from all fingers of the set. Links have equal chances, the palm three times that (released code).
 
     Args:
+        count: number of contacts, at least one per finger.
         distal_links: links per finger, counted from the tip, that may touch.
     """
-    if count < len(fingers):
-        raise ValueError(f"{'+'.join(fingers)} needs at least {len(fingers)} contacts")
     weights = np.zeros(len(hand.contact_link))
     for finger in fingers:
         for link in FINGER_LINKS[finger][-distal_links:]:

@@ -593,15 +593,14 @@ def anneal_kernel(
     scratch: Scratch,
     mean_square: wp.array(dtype=float, ndim=2),
     seeds: wp.array(dtype=int),
-    first: int,
-    last: int,
+    iterations: int,
 ):
-    """Run iterations ``first`` to ``last`` of every chain: Metropolis-adjusted Langevin steps with contact switches.
+    """Run every chain: Metropolis-adjusted Langevin steps with contact switches.
 
     ``current`` must carry its energy and gradient; ``best`` keeps the state of lowest energy.
     """
     chain = wp.tid()
-    for iteration in range(first, last):
+    for iteration in range(iterations):
         distinct, accept = propose(schedule, current, proposal, mean_square, chain, seeds[chain], iteration)
         if distinct > 0:
             compute_energy(hand, scene, weights, proposal, scratch, chain)

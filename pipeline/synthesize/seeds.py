@@ -70,9 +70,7 @@ def draw_seed(
     else:
         v = np.array([u[0] - 0.5, u[1] - 0.5, 0.3 + 0.5 * u[2]])
         R = minimal_rotation(np.array([0, 0, 1.0]), v / np.linalg.norm(v)) @ SIDE_ROTATION
-    yaw = rng.uniform(-np.pi, np.pi)
-    if settings.full_yaw:
-        R = Rotation.from_euler("z", yaw).as_matrix() @ R
+    R = Rotation.from_euler("z", settings.heading_spread * rng.uniform(-1, 1)).as_matrix() @ R
     R = R @ Rotation.from_rotvec(ROTATION_NOISE * rng.normal(size=3)).as_matrix()
     position = -R[:, 0] * rng.uniform(*settings.distance_from_palm)
     mean = PINCH_POSTURE if style == "pinch" else SIDE_POSTURE

@@ -1,4 +1,4 @@
-"""One candidate grasp through physics: approach sweep, six gravities, tabletop test."""
+"""One candidate grasp through physics: six gravities, approach sweep, tabletop test."""
 
 from __future__ import annotations
 

@@ -74,23 +74,18 @@ def install(missing: list[Library]) -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Check, install if possible, and return 0 or :data:`MISSING`."""
     parser = argparse.ArgumentParser(prog="python -m pipeline.workspace.libraries", description=__doc__)
-    parser.parse_args(arguments)
+    parser.add_argument("--no-install", action="store_true", help="only say what is missing, also as root")
+    chosen = parser.parse_args(arguments)
     missing = missing_libraries()
-    if missing and os.geteuid() == 0 and shutil.which("apt-get"):
+    if missing and not chosen.no_install and os.geteuid() == 0 and shutil.which("apt-get"):
         print(f"installing {' '.join(library.package for library in missing)}", file=sys.stderr)
         try:
             install(missing)
         except (subprocess.CalledProcessError, OSError) as error:
             print(f"apt-get failed: {error}", file=sys.stderr)
         # The loader remembers failures of this process only, so ask a new one.
-        again = [sys.executable, "-c", "from pipeline.workspace import libraries as l; l.report_missing()"]
+        again = [sys.executable, "-m", "pipeline.workspace.libraries", "--no-install"]
         return subprocess.run(again, check=False).returncode
-    return report_missing(missing)
-
-
-def report_missing(missing: list[Library] | None = None) -> int:
-    """Print the advice for what is missing and return 0 or :data:`MISSING`."""
-    missing = missing_libraries() if missing is None else missing
     if missing:
         print(advice(missing), file=sys.stderr)
         return MISSING

@@ -12,6 +12,7 @@ from pipeline.evaluate.grasps import accepted_grasps, grasp_orders
 from pipeline.evaluate.scene import build_scene, placed, placement_offsets
 from pipeline.evaluate.trial import RING, run_trial, trial_inputs
 from pipeline.hand.moves import finger_joints
+from pipeline.physics.bodies import Body
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.poses import inverse_pose, pose_matrix
@@ -110,9 +111,16 @@ def test_next_grasp_is_tried_when_the_first_cannot_be_planned(trial_input, grasp
     assert row["planning_attempts"] == 2 and row["merged_id"] == grasp.merged_id and row["success"]
 
 
-def test_no_grasp_at_all_is_a_planning_failure(trial_input) -> None:
+def test_no_grasp_at_all_is_a_reason_of_its_own(trial_input) -> None:
     row = run_trial(trial_input(grasps=()))
-    assert (row["reason"], row["planning_attempts"], row["merged_id"]) == ("plan first", 0, -1)
+    assert (row["reason"], row["planning_attempts"], row["merged_id"]) == ("no grasp", 0, -1)
+    assert not row["success"] and not row["success_10cm"]
+
+
+def test_object_that_physics_loses_is_no_success(trial_input, monkeypatch) -> None:
+    monkeypatch.setattr(Body, "pose", property(lambda body: np.full((4, 4), np.nan)))
+    row = run_trial(trial_input())
+    assert (row["reason"], row["phase"], row["success"]) == ("simulation diverged", "settle", False)
 
 
 def test_objects_stand_on_the_sponge_where_they_are_put(objects) -> None:

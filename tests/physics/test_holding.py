@@ -3,6 +3,7 @@ import pytest
 
 from pipeline.hand.allegro import FINGER_LINKS, load_hand
 from pipeline.hand.kinematics import link_poses
+from pipeline.physics import holding
 from pipeline.physics.holding import HeldObject, gravity_vector, hold_in_gravities, rotation_angle
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
@@ -77,3 +78,14 @@ def test_repeats_bit_for_bit() -> None:
     q, squeeze, held = clamped_block()
     first, second = (hold_in_gravities(SETTINGS, ValidateParameters(), [held], q, squeeze) for _ in range(2))
     assert first.drift.tobytes() == second.drift.tobytes()
+
+
+def test_drift_that_is_not_a_number_is_not_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Even when another object, named first, stays."""
+    q, squeeze, held = clamped_block()
+    outcome = ([0.0, float("nan")], [0.0, 0.0], [True, True], [True, True], 1)
+    monkeypatch.setattr(holding, "_hold", lambda *_: outcome)
+    limits = ValidateParameters()
+    assert (
+        hold_in_gravities(SETTINGS, limits, [held, held], q, squeeze).failed_direction == limits.gravity_directions[0]
+    )

@@ -53,3 +53,9 @@ def test_failures_are_named_in_order() -> None:
     assert replace(fine, in_contact=False).failure(LIMITS) == "drop"
     assert replace(fine, drift=0.03).failure(LIMITS) == "drift"
     assert replace(fine, rotation=1.0).failure(LIMITS) == "drift"
+
+
+def test_a_motion_that_is_not_a_number_fails() -> None:
+    fine = TablePick(push=0.0, touched_support=False, drift=0.0, rotation=0.0, in_contact=True)
+    assert replace(fine, push=float("nan")).failure(LIMITS) == "push"
+    assert replace(fine, drift=float("nan")).failure(LIMITS) == "drift"

@@ -76,10 +76,3 @@ def test_kinematic_support_carries_what_stands_on_it(cube: PreparedObject) -> No
         support.move_to(shifted(x=0.05 * (step + 1) / 200, z=-0.01))
         world.step()
     assert body.pose[0, 3] == pytest.approx(0.05, abs=1e-3)
-
-
-def test_fixed_object_stays(cube: PreparedObject) -> None:
-    world = make_world(SETTINGS)
-    body = add_object(world, cube, SETTINGS, shifted(z=0.5), fixed=True)
-    world.step(100)
-    np.testing.assert_allclose(body.pose, shifted(z=0.5), atol=1e-7)

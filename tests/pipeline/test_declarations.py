@@ -118,7 +118,8 @@ def test_every_room_with_a_command_is_a_stage():
 def test_every_stage_says_what_it_does():
     content = yaml.safe_load((ROOT / "dvc.yaml").read_text())
     for name, stage in content["stages"].items():
-        assert stage.get("do", stage).get("desc"), name
+        description = stage.get("do", stage).get("desc", "")
+        assert 0 < len(description) <= 80, f"`dvc stage list` shows at most 80 letters: {name}"
 
 
 def test_outputs_are_ignored_by_git_and_records_are_not():

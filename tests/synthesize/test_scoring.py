@@ -1,89 +1,135 @@
-"""Exact scores, the filter, and duplicates, against values known from geometry."""
+"""Exact scores against closed forms; what the filter says."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pipeline.hand.allegro import load_hand
 from pipeline.records.parameters.synthesize import EnergyParameters
-from pipeline.synthesize.energy import Grasps, Terms, contact_shares, contact_slots
+from pipeline.synthesize.energy import Grasps, Terms, block_order, contact_shares, contact_slots, torque_scale
 from pipeline.synthesize.scoring import ExactSurface, duplicates, first_failures, force_closure
 from tests.synthesize import shapes
+
+HAND = load_hand()
+HALF = np.array([0.02, 0.03, 0.04])
+
+
+def first_candidate(finger: str) -> int:
+    return HAND.contact_finger.index(finger)
+
+
+def test_distance_to_a_box_has_its_closed_form():
+    points = np.random.default_rng(0).uniform(-0.08, 0.08, (500, 3))
+    surface = ExactSurface(shapes.box(extents=tuple(2 * HALF)))
+    distance, normals = surface.distance_and_normal(points)
+    np.testing.assert_allclose(distance, shapes.box_distance(HALF)(points), atol=1e-7)
+    outside = distance > 1e-4
+    away = points - np.clip(points, -HALF, HALF)
+    expected = away[outside] / np.linalg.norm(away[outside], axis=1, keepdims=True)
+    np.testing.assert_allclose(normals[outside], expected, atol=2e-3)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
+
+
+def test_normals_inside_and_on_the_surface_point_outwards():
+    points = np.array([[0.018, 0.0, 0.0], [0.0, -0.03, 0.0], [0.0, 0.005, 0.04]])
+    distance, normals = ExactSurface(shapes.box(extents=tuple(2 * HALF))).distance_and_normal(points)
+    np.testing.assert_allclose(distance, [-0.002, 0, 0], atol=1e-7)
+    np.testing.assert_allclose(normals, [[1, 0, 0], [0, -1, 0], [0, 0, 1]], atol=1e-4)
+
+
+def test_force_closure_of_textbook_grasps():
+    x, ones = np.array([1.0, 0, 0]), np.ones((1, 2))
+    antipodal = force_closure(np.array([[0.02 * x, -0.02 * x]]), np.array([[x, -x]]), ones, 50.0)
+    assert antipodal == pytest.approx(0)
+    single = force_closure(np.array([[0.02 * x]]), np.array([[x]]), np.ones((1, 1)), 50.0)
+    assert single == pytest.approx(1)
+    # Opposite forces whose lines are d apart: a couple of moment d, nothing else.
+    d = np.array([0, 0.01, 0])
+    for scale in (1.0, 50.0):
+        couple = force_closure(np.array([[0.02 * x + d, -0.02 * x]]), np.array([[x, -x]]), ones, scale)
+        assert couple == pytest.approx((scale * 0.01) ** 2)
+    angles = 2 * np.pi * np.arange(3) / 3
+    star = np.stack([np.cos(angles), np.sin(angles), 0 * angles], -1)[None]
+    assert force_closure(0.03 * star, star, np.ones((1, 3)), 50.0) == pytest.approx(0)
+
+
+def test_balanced_groups_close_what_unit_forces_cannot():
+    contacts = np.array([[first_candidate("thumb"), first_candidate("index"), first_candidate("middle")]])
+    z = np.array([0, 0, 1.0])
+    points = np.array([[-0.02 * z, 0.02 * z, 0.02 * z]])
+    normals = np.array([[-z, z, z]])
+    balanced, unit = contact_shares(HAND, contacts, True), contact_shares(HAND, contacts, False)
+    np.testing.assert_allclose(balanced, [[1.5, 0.75, 0.75]])
+    assert force_closure(points, normals, balanced, 1.0) == pytest.approx(0)
+    assert force_closure(points, normals, unit, 1.0) == pytest.approx(1)
+    # Without an opponent there is nothing to balance.
+    np.testing.assert_allclose(contact_shares(HAND, contacts[:, 1:], True), 1)
+
+
+def test_torques_are_measured_in_half_middle_extents():
+    assert torque_scale(np.array([0.1, 0.04, 0.05]), True) == pytest.approx(1 / 0.025)
+    assert torque_scale(np.array([0.1, 0.04, 0.05]), False) == 1.0
 
 
 def terms(**values: float) -> Terms:
     names = ("energy", "force_closure", "distance", "penetration", "table", "self_penetration", "joints")
-    return Terms(*(np.array([values.get(name, 0.0)]) for name in names))
-
-
-def test_distance_and_normal_of_a_box():
-    points = np.array([[0.03, 0, 0], [0.02, 0.001, 0.002], [0.024, 0.025, 0], [0.0, 0, -0.021]])
-    distance, normal = ExactSurface(shapes.box()).distance_and_normal(points)
-    np.testing.assert_allclose(distance, [0.009, -0.001, 0.005, 0], atol=1e-6)
-    np.testing.assert_allclose(normal, [[1, 0, 0], [1, 0, 0], [0.6, 0.8, 0], [0, 0, -1]], atol=1e-3)
-
-
-def test_opposed_contacts_close_and_offset_contacts_do_not():
-    points = np.array([[[0.021, 0, 0], [-0.021, 0, 0]], [[0.021, 0.01, 0], [-0.021, -0.01, 0]]])
-    normals = np.array([[[1.0, 0, 0], [-1, 0, 0]]] * 2)
-    shares = np.ones((2, 2))
-    scale = 1 / 0.021
-    # Two unit forces 2 cm apart make a torque of 0.02 m.
-    np.testing.assert_allclose(force_closure(points, normals, shares, scale), [0, (0.02 * scale) ** 2], atol=1e-12)
-    np.testing.assert_allclose(force_closure(points, normals, shares, 1.0), [0, 0.02**2], atol=1e-12)
-
-
-def test_three_fingers_balance_against_the_thumb():
-    hand = load_hand()
-    contacts = np.array([[hand.contact_finger.index(finger) for finger in ("thumb", "index", "middle")]])
-    shares = contact_shares(hand, contacts, balance=True)
-    np.testing.assert_allclose(shares, [[1.5, 0.75, 0.75]])
-    normals = np.array([[[1.0, 0, 0], [-1, 0, 0], [-1, 0, 0]]])
-    points = np.array([[[0.02, 0, 0], [-0.02, 0.01, 0], [-0.02, -0.01, 0]]])
-    assert force_closure(points, normals, shares, 50.0)[0] == pytest.approx(0, abs=1e-12)
-    assert force_closure(points, normals, contact_shares(hand, contacts, False), 50.0)[0] == pytest.approx(1.0)
-
-
-def test_every_finger_has_a_contact_and_the_palm_three_shares():
-    hand = load_hand()
-    ring, palm, either = contact_slots(hand, ["ring", "palm"], 3, 4)
-    finger = np.array(hand.contact_finger)
-    assert set(finger[ring > 0]) == {"ring"} and set(finger[palm > 0]) == {"palm"}
-    assert either[finger == "palm"].sum() == pytest.approx(3 / 7)  # four ring links and the palm three times
-    (thumb, index) = contact_slots(hand, ["thumb", "index"], 2, 2)
-    names = np.array(hand.link_names)[hand.contact_link]
-    assert set(names[thumb > 0]) == {"link_15.0", "link_15.0_tip"}
-    assert set(names[index > 0]) == {"link_3.0", "link_3.0_tip"}
+    return Terms(**{name: np.array([values.get(name, 0.0)]) for name in names})
 
 
 @pytest.mark.parametrize(
     ("values", "reason"),
     [
         ({}, ""),
-        ({"joints": 0.01, "distance": 1.0}, "joints"),
-        ({"distance": 0.006, "table": 1.0}, "distance"),
-        ({"force_closure": 0.4}, "force_closure"),
-        ({"penetration": 0.0011}, "penetration"),
-        ({"penetration": 0.0006, "table": 0.0006}, "table"),
-        ({"self_penetration": 0.002}, "self_penetration"),
+        ({"energy": 100.0}, ""),
+        ({"joints": 0.01, "distance": 1, "force_closure": 1}, "joints"),
+        ({"distance": 0.006, "force_closure": 1}, "distance"),
+        ({"force_closure": 0.31, "penetration": 1}, "force_closure"),
+        ({"penetration": 0.0011, "table": 1, "self_penetration": 1}, "penetration"),
+        ({"penetration": 0.0006, "table": 0.0006, "self_penetration": 1}, "table"),
+        ({"self_penetration": 0.0011}, "self_penetration"),
     ],
 )
-def test_first_failure_is_named(values, reason):
-    assert first_failures(terms(**values), EnergyParameters())[0] == reason
+def test_first_failed_check_is_named(values, reason):
+    assert first_failures(terms(**values), EnergyParameters()).tolist() == [reason]
 
 
-def test_a_duplicate_of_a_better_grasp_is_found():
-    # 0 and 1 are alike, 2 is turned by 20 degrees, 3 has another joint, 4 would be a duplicate but is not eligible.
-    turn = np.array([np.cos(np.deg2rad(10)), np.sin(np.deg2rad(10)), 0, 0])
-    rotation = np.tile([1.0, 0, 0, 0], (5, 1))
-    rotation[1] *= -1  # the same rotation
-    rotation[2] = turn
-    q = np.zeros((5, 16))
-    q[1, 4], q[3, 4] = 0.1, 0.5
-    position = np.zeros((5, 3))
-    position[1, 0] = 0.005
-    grasps = Grasps(position, rotation, q, np.zeros((5, 0), dtype=np.int64))
-    eligible = np.array([True, True, True, True, False])
-    energies = np.array([0.5, 0.4, 0.3, 0.2, 0.1])
-    assert duplicates(grasps, energies, eligible).tolist() == [True, False, False, False, False]
+def test_a_term_that_is_not_a_number_fails():
+    assert first_failures(terms(force_closure=float("nan")), EnergyParameters())[0] == "force_closure"
+
+
+def test_of_near_grasps_the_best_stays():
+    turned = [Rotation.from_rotvec([0, 0, angle]).as_quat(scalar_first=True) for angle in (0, 0.1, 0, 0, 0.4, 0)]
+    turned[1] = -turned[1]  # the same rotation
+    grasps = Grasps(
+        position=np.array([[0, 0, 0.0], [0.004, 0, 0], [0.02, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]]),
+        rotation=np.array(turned),
+        q=np.zeros((6, 16)),
+        contacts=np.zeros((6, 0), dtype=np.int64),
+    )
+    grasps.q[3, 7] = 0.3
+    energies = np.array([2.0, 1.0, 3.0, 3.0, 3.0, 0.5])
+    eligible = np.array([True, True, True, True, True, False])
+    # 0 is like 1, which is better; 2 stands, 3 bends and 4 turns elsewhere; 5 has been rejected before.
+    assert duplicates(grasps, energies, eligible).tolist() == [True, False, False, False, False, False]
+
+
+def test_every_finger_of_a_set_has_a_contact_and_the_palm_counts_three_times():
+    slots = contact_slots(HAND, ("ring", "palm"), 3, 4)
+    fingers = np.array(HAND.contact_finger)
+    assert set(fingers[slots[0] > 0]) == {"ring"} and set(fingers[slots[1] > 0]) == {"palm"}
+    ring_links = {HAND.contact_link[i] for i in np.flatnonzero(fingers == "ring")}
+    assert slots[2][fingers == "palm"].sum() == pytest.approx(3 / (3 + len(ring_links)))
+    distal = contact_slots(HAND, ("thumb", "index"), 2, 2)
+    names = {HAND.link_names[HAND.contact_link[i]] for i in np.flatnonzero(distal[1])}
+    assert names == {"link_3.0", "link_3.0_tip"}
+    for slot in (*slots, *distal):
+        assert slot.sum() == pytest.approx(1)
+
+
+def test_blocks_hold_every_point_once():
+    points = np.random.default_rng(1).normal(size=(1003, 3))
+    blocks = block_order(points)
+    assert sorted(np.concatenate(blocks).tolist()) == list(range(1003))
+    assert max(len(block) for block in blocks) <= 32 and len(blocks) == 32

@@ -69,6 +69,15 @@ class Parameters(Section):
                 raise ValueError(f"styles.{style} names an object twice")
         return self
 
+    @model_validator(mode="after")
+    def _stages_agree(self) -> Parameters:
+        samples = self.prepare.surface_points
+        if self.synthesize.energy.object_points > samples:
+            raise ValueError(f"synthesize.energy.object_points must not exceed prepare.surface_points ({samples})")
+        if self.physics.frequency % self.evaluate.control_frequency:
+            raise ValueError(f"evaluate.control_frequency must divide physics.frequency ({self.physics.frequency})")
+        return self
+
 
 def _one_sentence(error: ValidationError, source: Path) -> str:
     first = error.errors()[0]

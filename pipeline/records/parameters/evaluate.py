@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from typing import Annotated
+
+from pydantic import Field, model_validator
 
 from pipeline.records.parameters.section import Section
 
@@ -30,7 +32,7 @@ class EvaluateParameters(Section):
     settle_seconds: float = Field(0.5, ge=0, le=5, description="Rest before anything moves. Paper's code: 1.")
     open_seconds: float = Field(0.5, gt=0, le=5, description="Opening of fingers. Paper's code: 1.")
     entry_length: float = Field(0.05, gt=0, le=0.3, description="Straight last approach to object 0, m. Paper: 0.05.")
-    shorter_entries: list[float] = Field(
+    shorter_entries: list[Annotated[float, Field(gt=0, le=0.5)]] = Field(
         [0.12, 0.07], description="Entry lengths to object 1 tried when the grasp's own is blocked, m."
     )
     planning_margin: float = Field(
@@ -39,3 +41,9 @@ class EvaluateParameters(Section):
     push_limit: float = Field(
         0.02, gt=0, le=0.2, description="Motion of an object before its fingers close that ends the trial, m."
     )
+
+    @model_validator(mode="after")
+    def _lift_can_succeed(self) -> EvaluateParameters:
+        if self.lift_height <= self.success_height:
+            raise ValueError("lift_height must be larger than success_height, or no trial can succeed")
+        return self

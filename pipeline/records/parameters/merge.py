@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from pydantic import Field
 
 from pipeline.records.parameters.section import Section
@@ -21,7 +23,7 @@ class MergeParameters(Section):
     mount_clearance: float = Field(
         0.003, description="Least height of flange and mount over the support of object 1, m."
     )
-    approach_lengths: list[float] = Field(
+    approach_lengths: list[Annotated[float, Field(gt=0, le=0.5)]] = Field(
         [0.2, 0.12, 0.07], min_length=1, description="Straight second approach, m, longest that is free."
     )
     physics_test: bool = Field(True, description="Six gravities with both objects in the hand.")

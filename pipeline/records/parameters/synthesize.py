@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -82,26 +82,29 @@ class StyleParameters(Section):
     distance_from_palm: tuple[float, float] = Field(
         (0.05, 0.25), description="First distance palm to object, m. Paper's code: 0.05-0.25."
     )
-    full_yaw: bool = Field(
-        False, description="Draw first headings over the full circle. Paper's code: about +-59 degrees."
+    heading_spread: float = Field(
+        0.0,
+        ge=0,
+        le=3.1416,
+        description="First hands are turned about z by up to this to either side, rad. Paper's code: 0.",
     )
 
     @model_validator(mode="after")
-    def _sets_agree(self) -> StyleParameters:
-        names = {"+".join(fingers): fingers for fingers in self.finger_sets}
-        for name, fingers in names.items():
-            if len(set(fingers)) != len(fingers):
-                raise ValueError(f"finger_sets: {name} names a finger twice")
-            if self.contacts.get(name, 0) < len(fingers):
-                raise ValueError(f"contacts.{name} must be given and be at least {len(fingers)}, one per finger")
-        for field, values in (("contacts", self.contacts), ("distal_links", self.distal_links)):
-            for name in values:
-                if name not in names:
-                    raise ValueError(f"{field} names {name!r}, which is not in finger_sets")
-        if any(not 1 <= links <= 4 for links in self.distal_links.values()):
-            raise ValueError("distal_links must be 1 to 4")
-        if not 0 <= self.distance_from_palm[0] < self.distance_from_palm[1]:
-            raise ValueError("distance_from_palm must be two rising distances")
+    def _finger_sets_can_hold(self) -> Self:
+        keys = ["+".join(fingers) for fingers in self.finger_sets]
+        for key, fingers in zip(keys, self.finger_sets, strict=True):
+            if len(set(fingers)) < len(fingers):
+                raise ValueError(f"the finger set {key} names a finger twice")
+            if self.contacts.get(key, 0) < len(fingers):
+                raise ValueError(f"contacts needs an entry {key!r} of at least {len(fingers)}, one per finger")
+        for name in ("contacts", "distal_links"):
+            unknown = sorted(set(getattr(self, name)) - set(keys))
+            if unknown:
+                raise ValueError(f"{name} names {unknown[0]!r}, which is not in finger_sets; it has {', '.join(keys)}")
+        if any(not 1 <= count <= 4 for count in self.distal_links.values()):
+            raise ValueError("distal_links counts links of a finger, 1 to 4")
+        if not 0 < self.distance_from_palm[0] <= self.distance_from_palm[1]:
+            raise ValueError("distance_from_palm is a positive range, the smaller distance first")
         return self
 
 

@@ -1,0 +1,154 @@
+"""The README and the pages in docs/ tell the truth: their commands, names, snippets and links exist."""
+
+import re
+import subprocess
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+import yaml
+
+from pipeline.prepare.sources import FILE_FORMATS
+from pipeline.records import tables
+from pipeline.records.parameters import MeshParameters, ObjectParameters, Parameters
+from pipeline.workspace.scales import flatten, scales
+from tests.pipeline.declared import declared_stages
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = ("README.md", "data/raw/README.md", "docs/departures.md", "docs/metrics.md")
+NAMING_PAGES = ("README.md", "data/raw/README.md", "docs/departures.md")  # metrics.md: tests/report/test_summary.py
+STAGES = declared_stages(ROOT)
+# Made by `./dev`, by `track`, or by a user; words that are no names of this project.
+MADE_ELSEWHERE = {".venv", "dvc.lock", "mlflow.db", "data/raw/mug.stl"}
+WORDS = {*FILE_FORMATS, "code", "trimesh", "mug", "m", "+z", "dvc-s3", "--force", "PIP_EXTRA_INDEX_URL"}
+
+each_page = pytest.mark.parametrize("page", PAGES)
+
+
+def text_of(page: str) -> str:
+    return (ROOT / page).read_text()
+
+
+def blocks(page: str) -> list[tuple[str, str]]:
+    """Language and content of every fenced block."""
+    return re.findall(r"^```(\w*)\n(.*?)^```$", text_of(page), re.MULTILINE | re.DOTALL)
+
+
+def spans(page: str) -> list[str]:
+    """Everything in single backticks, on one line."""
+    prose = re.sub(r"^```.*?^```$", "", text_of(page), flags=re.MULTILINE | re.DOTALL)
+    return [" ".join(span.split()) for span in re.findall(r"`([^`]+)`", prose)]
+
+
+def commands() -> list[str]:
+    lines = {line for page in PAGES for language, text in blocks(page) if not language for line in text.splitlines()}
+    inline = {span for page in PAGES for span in spans(page) if span.startswith(("./dev ", "dvc ", "python ", "git "))}
+    return sorted(line.split("#")[0].strip() for line in lines | inline)
+
+
+def known_files() -> set[str]:
+    listed = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return set(listed.stdout.splitlines())
+
+
+def with_folders(files: set[str]) -> set[str]:
+    return files | {str(folder) for name in files for folder in Path(name).parents}
+
+
+def names() -> set[str]:
+    """Parameters by every ending of their dotted name, columns of tables, and stages."""
+    found = {stage.name for stage in STAGES} | {stage.room for stage in STAGES}
+    found |= set(MeshParameters.model_fields) | set(ObjectParameters.model_fields)
+    for parameter in flatten(yaml.safe_load(text_of("params.yaml"))):
+        parts = parameter.split(".")
+        found |= {".".join(parts[i:j]) for i in range(len(parts)) for j in range(i + 1, len(parts) + 1)}
+    for schema in (tables.CANDIDATES, tables.VALIDATED, tables.MERGED, tables.TRIALS):
+        found |= set(schema.names)
+    return found
+
+
+def test_there_are_commands_to_check():
+    assert {"./dev repro", "./dev test", "dvc push"} <= set(commands())
+
+
+@pytest.mark.parametrize("command", sorted({c.split()[1] for c in commands() if c.startswith("./dev ")}))
+def test_every_command_of_dev_exists(command):
+    done = subprocess.run([ROOT / "dev", command, "--help"], capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    assert done.returncode == 0 and done.stdout.startswith(f"Usage: ./dev {command}"), done.stderr
+
+
+def test_every_named_scale_exists(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    named = {name for command in commands() for name in re.findall(r"--scale (\w+)", command)}
+    assert named and named <= set(scales())
+
+
+@pytest.mark.parametrize("command", [c for c in commands() if c.startswith("python ")])
+def test_every_python_command_exists(command):
+    _, first, *rest = command.split()
+    if first != "-m":
+        assert (ROOT / first).is_file()
+        return
+    module, *options = rest
+    assert find_spec(f"{module}.__main__") or find_spec(module)
+    runs = {" ".join(stage.command.split()[2:]) for stage in STAGES}
+    assert options == ["--help"] or " ".join(rest) in runs
+
+
+@pytest.mark.parametrize("command", [c for c in commands() if c.startswith("dvc ")])
+def test_every_dvc_command_is_understood(command):
+    from dvc.cli.parser import get_main_parser
+
+    get_main_parser().parse_args(command.split()[1:])
+    if command.startswith("dvc repro "):
+        assert set(command.split()[2:]) <= {stage.name for stage in STAGES} | {"--pull"}
+
+
+def test_no_other_command_is_left_unchecked():
+    assert [c for c in commands() if not c.startswith(("./dev ", "dvc ", "python ", "git "))] == []
+
+
+@pytest.mark.parametrize("page", NAMING_PAGES)
+def test_every_name_exists(page):
+    files = with_folders(known_files() | {output for stage in STAGES for output in stage.outputs})
+    known = names() | files | MADE_ELSEWHERE | WORDS
+    unknown = [
+        span
+        for span in spans(page)
+        if span.rstrip("/") not in known
+        and not span.startswith(("./dev ", "dvc ", "python ", "git ", "source "))
+        and re.split(r" [-+<>=] ", span)[0] not in known
+        and not re.fullmatch(r"\w+: .+", span)  # a line of YAML, checked below
+    ]
+    assert unknown == []
+
+
+@each_page
+def test_every_snippet_of_parameters_is_valid(page):
+    for language, text in blocks(page):
+        if language == "yaml":
+            content = yaml.safe_load(text_of("params.yaml")) | yaml.safe_load(text)
+            Parameters.model_validate(content)
+    for span in spans(page):
+        if re.fullmatch(r"\w+: \{.+\}", span):
+            for value in yaml.safe_load(span).values():
+                assert value == {} or ObjectParameters.model_validate(value)
+
+
+@each_page
+def test_every_relative_link_leads_to_a_file_in_git(page):
+    links = re.findall(r"\]\(([^)\s]+)\)", text_of(page))
+    files = with_folders(known_files())
+    broken = [
+        link
+        for link in links
+        if not re.match(r"https?://|#", link)
+        and str((ROOT / page).parent.joinpath(link.split("#")[0]).resolve().relative_to(ROOT)) not in files
+    ]
+    assert broken == []

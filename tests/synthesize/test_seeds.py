@@ -1,0 +1,111 @@
+"""First states: which way the hand looks, and that it starts in free space."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from pipeline.hand.allegro import load_hand
+from pipeline.hand.kinematics import link_poses
+from pipeline.hand.moves import finger_joints
+from pipeline.hand.surface import hand_surface
+from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
+from pipeline.synthesize.energy import EnergyScene, Grasps, contact_slots
+from pipeline.synthesize.scoring import ExactSurface
+from pipeline.synthesize.seeds import SIDE_POSTURE, draw_seed, draw_seeds, free_joints, join, minimal_rotation
+from tests.synthesize import shapes
+from tests.synthesize.test_energy import PINCH, SIDE
+
+HAND = load_hand()
+SLOTS = {
+    "pinch": contact_slots(HAND, ("thumb", "index"), 2, 4),
+    "side": contact_slots(HAND, ("ring", "palm"), 3, 4),
+}
+SETTINGS = {"pinch": PINCH, "side": SIDE}
+OBJECTS = {"pinch": shapes.box(), "side": shapes.cylinder()}
+
+
+def seeds_of(style: str, count: int, settings: StyleParameters | None = None) -> Grasps:
+    settings = settings or SETTINGS[style]
+    scene = EnergyScene(OBJECTS[style], EnergyParameters(), settings)
+    generators = [np.random.default_rng([7, index]) for index in range(count)]
+    return draw_seeds(scene, HAND, style, settings, SLOTS[style], generators)
+
+
+def axes(grasps: Grasps) -> np.ndarray:
+    return Rotation.from_quat(grasps.rotation, scalar_first=True).as_matrix()
+
+
+@pytest.mark.parametrize(
+    ("style", "palm", "fingers"), [("pinch", [0, 0, -1], [1, 0, 0]), ("side", [0, 1, 0], [1, 0, 0])]
+)
+def test_hands_face_the_object_from_the_side_of_their_style(style, palm, fingers):
+    rng = np.random.default_rng(0)
+    drawn = join([draw_seed(HAND, style, SETTINGS[style], SLOTS[style], rng) for _ in range(200)])
+    free = seeds_of(style, 48)
+    for grasps in (drawn, free):
+        R, distance = axes(grasps), np.linalg.norm(grasps.position, axis=1)
+        np.testing.assert_allclose(R[:, :, 0], -grasps.position / distance[:, None], atol=1e-9)
+        assert distance.min() >= 0.05 and distance.max() <= 0.25
+    for axis, mean in ((0, palm), (2, fingers)):
+        average = axes(drawn)[:, :, axis].mean(0)
+        assert average @ mean / np.linalg.norm(average) > 0.98
+        # The table lets hands through that lean over the object; they still look the same way.
+        assert (axes(free)[:, :, axis] @ mean).min() > 0
+
+
+@pytest.mark.parametrize("style", ["pinch", "side"])
+def test_no_seed_is_in_the_object_or_under_the_table(style):
+    grasps, prepared = seeds_of(style, 48), OBJECTS[style]
+    owner, points = hand_surface(1000)
+    T = link_poses(HAND, grasps.q)[:, owner]
+    in_hand = np.einsum("bnij,nj->bni", T[..., :3, :3], points) + T[..., :3, 3]
+    placed = np.einsum("bij,bnj->bni", axes(grasps), in_hand) + grasps.position[:, None]
+    assert placed[..., 2].min() >= prepared.bottom + SETTINGS[style].table_clearance - 1e-6
+    distance, _ = ExactSurface(prepared).distance_and_normal(placed.reshape(-1, 3))
+    assert distance.min() > 0
+
+
+def test_heading_spread_turns_hands_about_z():
+    def headings(spread: float) -> np.ndarray:
+        R = axes(seeds_of("side", 48, SIDE.model_copy(update={"heading_spread": spread})))
+        return np.arctan2(R[:, 1, 2], R[:, 0, 2])
+
+    assert np.abs(headings(0.0)).max() < 1.2
+    quadrants = np.floor(headings(np.pi) / (np.pi / 2))
+    assert set(quadrants) == {-2.0, -1.0, 0.0, 1.0}
+
+
+def test_side_hands_begin_with_the_other_fingers_in_a_pinch():
+    grasps = seeds_of("side", 48)
+    held = finger_joints(("thumb", "index", "middle"))
+    assert np.abs(grasps.q[:, held] - SIDE_POSTURE[held]).max() < 0.5
+    np.testing.assert_allclose(grasps.q[:, held].mean(0), SIDE_POSTURE[held], atol=0.1)
+    assert (grasps.q >= HAND.lower).all() and (grasps.q <= HAND.upper).all()
+    np.testing.assert_array_equal(np.flatnonzero(free_joints("side")), finger_joints(("ring",)))
+    np.testing.assert_array_equal(np.flatnonzero(~free_joints("pinch")), finger_joints(("ring",)))
+
+
+def test_contacts_are_distinct_and_of_their_slot():
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        contacts = draw_seed(HAND, "side", SIDE, SLOTS["side"], rng).contacts[0]
+        assert len(set(contacts)) == 3
+        assert all(slot[contact] > 0 for slot, contact in zip(SLOTS["side"], contacts, strict=True))
+
+
+unit = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array).filter(lambda v: np.linalg.norm(v) > 0.1)
+
+
+@given(unit, unit)
+def test_minimal_rotation_takes_one_vector_to_the_other_by_the_angle_between(start, end):
+    start, end = start / np.linalg.norm(start), end / np.linalg.norm(end)
+    angle = np.arccos(np.clip(start @ end, -1, 1))
+    if angle > np.pi - 1e-3:
+        return  # the axis is not determined
+    R = minimal_rotation(start, end)
+    np.testing.assert_allclose(R @ start, end, atol=1e-9)
+    assert Rotation.from_matrix(R).magnitude() == pytest.approx(angle, abs=1e-7)
