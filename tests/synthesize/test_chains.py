@@ -17,6 +17,11 @@ HAND = load_hand()
 STYLES = {"pinch": (shapes.box(), PINCH, ("thumb", "index"), 2), "side": (shapes.cylinder(), SIDE, ("ring", "palm"), 3)}
 
 
+def chosen(grasps: Grasps, rows) -> Grasps:
+    """Some grasps of a batch."""
+    return Grasps(grasps.position[rows], grasps.rotation[rows], grasps.q[rows], grasps.contacts[rows])
+
+
 def problem(style: str, count: int):
     prepared, settings, fingers, contacts = STYLES[style]
     scene = EnergyScene(prepared, EnergyParameters(), settings)
@@ -33,12 +38,12 @@ def test_two_states_are_visited_as_boltzmann_says():
     """The hand stands still and one contact has two candidates: shares at temperature T are exp(-E / T), normalised."""
     scene, slots, first = problem("pinch", 1)
     chains = 4000
-    first = first.rows(np.zeros(chains, dtype=np.int64))
+    first = chosen(first, np.zeros(chains, dtype=np.int64))
     a, b = np.flatnonzero(slots[0])[[0, 20]]
     only = [np.zeros_like(slots[0]), np.zeros_like(slots[1])]
     only[0][[a, b]] = 0.5
     only[1][first.contacts[0, 1]] = 1.0
-    pair = first.rows(np.arange(2))
+    pair = chosen(first, np.arange(2))
     pair.contacts[:, 0] = [a, b]
     energy = scene.evaluate(pair)[0].energy
     gap = abs(energy[1] - energy[0])
@@ -65,8 +70,8 @@ def test_a_chain_depends_on_its_seed_and_start_only(style):
     again, _ = run_chains(scene, optimizer, 120, first, slots, free, seeds)
     assert same(all_best, again)
     some = [4, 1]
-    alone, _ = run_chains(scene, optimizer, 120, first.rows(some), slots, free, seeds[some])
-    assert same(alone, all_best.rows(some))
+    alone, _ = run_chains(scene, optimizer, 120, chosen(first, some), slots, free, seeds[some])
+    assert same(alone, chosen(all_best, some))
     other, _ = run_chains(scene, optimizer, 120, first, slots, free, seeds + 1)
     assert (np.abs(other.position - all_best.position).max(1) > 0).all()
 
