@@ -39,26 +39,23 @@ def merge() -> None:
         for name in getattr(styles, style)
     }
     objects = {name: load_prepared_object(name) for name in dict.fromkeys([*styles.pinch, *styles.side])}
-    with whole_folder(paths.MERGE_FOLDER) as folder:
-        for first, second in product(styles.pinch, styles.side):
-            pair = Pair(
-                objects[first],
-                objects[second],
-                parameters["merge"],
-                parameters["physics"],
-                parameters["validate"],
+    tables = {}
+    for first, second in product(styles.pinch, styles.side):
+        pair = Pair(objects[first], objects[second], parameters["merge"], parameters["physics"], parameters["validate"])
+        generator = item_generator(seed, "merge", first, second)
+        firsts, seconds = grasps["pinch", first], grasps["side", second]
+        table = tables[first, second] = merge_pair(pair, firsts, seconds, generator, workers)
+        print(f"{first} then {second}: {summary(table)}")
+        if not (table["rejected_by"] == "").any():
+            print(
+                f"warning: no two-object grasp of {first} then {second}; there were {len(firsts)} pinch and "
+                f"{len(seconds)} side grasps to combine.",
+                file=sys.stderr,
             )
-            generator = item_generator(seed, "merge", first, second)
-            firsts, seconds = grasps["pinch", first], grasps["side", second]
-            table = merge_pair(pair, firsts, seconds, generator, workers)
+    # Nothing is computed inside: an error in there is explained as one of writing.
+    with whole_folder(paths.MERGE_FOLDER) as folder:
+        for (first, second), table in tables.items():
             write_table(folder / paths.merged_file(first, second).name, table, MERGED)
-            print(f"{first} then {second}: {summary(table)}")
-            if not (table["rejected_by"] == "").any():
-                print(
-                    f"warning: no two-object grasp of {first} then {second}; there were {len(firsts)} pinch and "
-                    f"{len(seconds)} side grasps to combine.",
-                    file=sys.stderr,
-                )
 
 
 def main() -> int:

@@ -321,6 +321,44 @@ def contact_terms(
 
 
 @wp.func
+def sphere_reaches(hand: HandArrays, scratch: Scratch, chain: int, part: int, centre: wp.vec3, radius: float):
+    """Whether a sphere, object frame, touches a part where the grasp has it; bounding spheres are tried first."""
+    d = centre - scratch.part_position[chain, part]
+    reach = radius + hand.part_reach[part]
+    if wp.dot(d, d) >= reach * reach:
+        return False
+    x = wp.transpose(scratch.rotation[chain, hand.part_link[part]]) @ d
+    return sphere_reaches_part(hand, part, x, radius)
+
+
+@wp.func
+def reached_parts(hand: HandArrays, scratch: Scratch, chain: int, near: int, centre: wp.vec3, radius: float):
+    """Bit mask of those of the first ``near`` parts in ``scratch.near`` that a sphere, object frame, touches."""
+    mask = int(0)
+    for index in range(near):
+        if sphere_reaches(hand, scratch, chain, scratch.near[chain, index], centre, radius):
+            mask = mask | (1 << index)
+    return mask
+
+
+@wp.func
+def deepest_part(hand: HandArrays, scratch: Scratch, chain: int, near: int, mask: int, p: wp.vec3):
+    """Return the part of ``mask`` that the point is deepest in (-1: in none), and how deep."""
+    deepest = float(0.0)
+    where = int(-1)
+    for index in range(near):
+        if (mask & (1 << index)) != 0:
+            part = scratch.near[chain, index]
+            d = p - scratch.part_position[chain, part]
+            x = wp.transpose(scratch.rotation[chain, hand.part_link[part]]) @ d
+            depth = depth_in_part(hand, part, x)
+            if depth > deepest:
+                deepest = depth
+                where = part
+    return where, deepest
+
+
+@wp.func
 def penetration_term(hand: HandArrays, scene: ObjectArrays, weight: float, scratch: Scratch, chain: int):
     """Sum over the object's points of their depth in the deepest part of the hand."""
     near = int(0)
@@ -333,29 +371,11 @@ def penetration_term(hand: HandArrays, scene: ObjectArrays, weight: float, scrat
         for block in range(scene.block_count):
             centre = scene.block_centre[block]
             radius = scene.block_radius[block]
-            mask = int(0)
-            for index in range(near):
-                part = scratch.near[chain, index]
-                d = centre - scratch.part_position[chain, part]
-                reach = radius + hand.part_reach[part]
-                if wp.dot(d, d) < reach * reach:
-                    x = wp.transpose(scratch.rotation[chain, hand.part_link[part]]) @ d
-                    if sphere_reaches_part(hand, part, x, radius):
-                        mask = mask | (1 << index)
+            mask = reached_parts(hand, scratch, chain, near, centre, radius)
             if mask != 0:
                 for point in range(scene.block_start[block], scene.block_start[block + 1]):
                     p = scene.points[point]
-                    deepest = float(0.0)
-                    where = int(-1)
-                    for index in range(near):
-                        if (mask & (1 << index)) != 0:
-                            part = scratch.near[chain, index]
-                            d = p - scratch.part_position[chain, part]
-                            x = wp.transpose(scratch.rotation[chain, hand.part_link[part]]) @ d
-                            depth = depth_in_part(hand, part, x)
-                            if depth > deepest:
-                                deepest = depth
-                                where = part
+                    where, deepest = deepest_part(hand, scratch, chain, near, mask, p)
                     if where >= 0:
                         total += deepest
                         link = hand.part_link[where]
@@ -408,38 +428,18 @@ def self_penetration_term(hand: HandArrays, weight: float, scratch: Scratch, cha
         near = int(0)
         for entry in range(hand.link_other[link], hand.link_other[link + 1]):
             part = hand.other_part[entry]
-            d = c - scratch.part_position[chain, part]
-            reach = hand.link_radius[link] + hand.part_reach[part]
-            if wp.dot(d, d) < reach * reach:
-                x = wp.transpose(scratch.rotation[chain, hand.part_link[part]]) @ d
-                if sphere_reaches_part(hand, part, x, hand.link_radius[link]):
-                    scratch.near[chain, near] = part
-                    near += 1
+            if sphere_reaches(hand, scratch, chain, part, c, hand.link_radius[link]):
+                scratch.near[chain, near] = part
+                near += 1
         if near > 0:
             for block in range(hand.link_block[link], hand.link_block[link + 1]):
                 centre = t + R @ hand.block_centre[block]
                 radius = hand.block_radius[block]
-                mask = int(0)
-                for index in range(near):
-                    part = scratch.near[chain, index]
-                    d = centre - scratch.part_position[chain, part]
-                    x = wp.transpose(scratch.rotation[chain, hand.part_link[part]]) @ d
-                    if sphere_reaches_part(hand, part, x, radius):
-                        mask = mask | (1 << index)
+                mask = reached_parts(hand, scratch, chain, near, centre, radius)
                 if mask != 0:
                     for point in range(hand.block_start[block], hand.block_start[block + 1]):
                         p = t + R @ hand.points[point]
-                        deepest = float(0.0)
-                        where = int(-1)
-                        for index in range(near):
-                            if (mask & (1 << index)) != 0:
-                                part = scratch.near[chain, index]
-                                d = p - scratch.part_position[chain, part]
-                                x = wp.transpose(scratch.rotation[chain, hand.part_link[part]]) @ d
-                                depth = depth_in_part(hand, part, x)
-                                if depth > deepest:
-                                    deepest = depth
-                                    where = part
+                        where, deepest = deepest_part(hand, scratch, chain, near, mask, p)
                         if where >= 0:
                             total += deepest
                             other = hand.part_link[where]
