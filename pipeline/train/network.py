@@ -1,0 +1,252 @@
+"""The network: PointNet++ for each object, a denoiser for the grasp. Shapes: B grasps, C clouds, P pairs of clouds.
+
+Many grasps of a batch share their objects, so each distinct cloud is encoded once and its features are gathered by
+index; with 4 to 16 clouds and hundreds of grasps that is most of the cost of a step.
+
+The published denoiser attends to the tokens of both objects and to itself. The sequence is one token long, so that its
+self-attention is a linear map and is left out here; ``kind: attention`` keeps everything else of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from pipeline.records.parameters.train import DenoiserParameters, EncoderParameters
+from pipeline.train.clouds import Clouds
+from pipeline.train.representation import DIMENSIONS
+
+CLOUD_SCALE = 0.05  # m; coordinates are divided by it, or the first layer would see numbers near 0
+TIME_WIDTH = 64
+HEAD = 64  # width of one attention head, as published
+
+
+@dataclass(frozen=True)
+class CloudTensors:
+    """``Clouds`` on a device."""
+
+    points: Tensor  # (C, n, 3) float32, m
+    neighbours: tuple[Tensor, ...]  # per level (C, centres, k) int64
+
+    def chosen(self, index: Tensor) -> CloudTensors:
+        """Return some of the clouds."""
+        return CloudTensors(self.points[index], tuple(level[index] for level in self.neighbours))
+
+
+def cloud_tensors(clouds: Clouds, device: str | torch.device = "cpu") -> CloudTensors:
+    """Copy clouds to a device."""
+    neighbours = tuple(torch.as_tensor(level, device=device) for level in clouds.neighbours)
+    return CloudTensors(torch.as_tensor(clouds.points, device=device), neighbours)
+
+
+def _gather(values: Tensor, index: Tensor) -> Tensor:
+    """Return values (C, m, f) at index (C, c, k) as (C, c, k, f)."""
+    C, c, k = index.shape
+    flat = index.reshape(C, c * k, 1).expand(-1, -1, values.shape[-1])
+    return torch.gather(values, 1, flat).reshape(C, c, k, -1)
+
+
+class Encoder(nn.Module):
+    """PointNet++ with three set abstractions (Qi et al. 2017): clouds to ``centres[2]`` tokens each.
+
+    A centre's feature is the maximum over its neighbours of a small network on (relative position / radius, feature).
+    Layer normalisation stands where the paper has batch normalisation, whose statistics over 4 to 16 clouds are noise.
+    """
+
+    def __init__(self, settings: EncoderParameters) -> None:
+        super().__init__()
+        self.radii = settings.radii
+        self.levels = nn.ModuleList()
+        before = 3
+        for width in settings.widths:
+            self.levels.append(
+                nn.Sequential(
+                    nn.Linear(3 + before, width),
+                    nn.LayerNorm(width),
+                    nn.ReLU(),
+                    nn.Linear(width, width),
+                    nn.LayerNorm(width),
+                    nn.ReLU(),
+                )
+            )
+            before = width
+
+    def forward(self, clouds: CloudTensors) -> Tensor:
+        """Return tokens (C, centres[2], widths[2])."""
+        position, feature = clouds.points, clouds.points / CLOUD_SCALE
+        for level, radius, neighbours in zip(self.levels, self.radii, clouds.neighbours, strict=True):
+            centre = position[:, : neighbours.shape[1]]
+            relative = (_gather(position, neighbours) - centre[:, :, None]) / radius
+            feature = level(torch.cat([relative, _gather(feature, neighbours)], dim=-1)).amax(2)
+            position = centre
+        return feature
+
+
+class TimeEmbedding(nn.Module):
+    """Sines of the diffusion time, 0 to 1, through a small network."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.network = nn.Sequential(nn.Linear(TIME_WIDTH, width), nn.SiLU(), nn.Linear(width, width))
+
+    def forward(self, time: Tensor) -> Tensor:
+        """Return features (B, width) of times (B,)."""
+        frequency = torch.exp(torch.linspace(0.0, math.log(1000.0), TIME_WIDTH // 2, device=time.device))
+        angle = time[:, None] * frequency
+        return self.network(torch.cat([angle.sin(), angle.cos()], dim=-1))
+
+
+class MlpDenoiser(nn.Module):
+    """Residual blocks whose normalisation is scaled, shifted and gated by time and objects (adaLN, Peebles 2023)."""
+
+    def __init__(self, settings: DenoiserParameters, token_width: int) -> None:
+        super().__init__()
+        width, self.slot_width = settings.width, settings.slot_width
+        self.time = TimeEmbedding(width)
+        # Maximum and mean over the tokens of an object, with the slot's embedding, for each of the two slots.
+        self.context = nn.Sequential(
+            nn.Linear(2 * (2 * token_width + settings.slot_width), width), nn.SiLU(), nn.Linear(width, width)
+        )
+        self.begin = nn.Linear(DIMENSIONS, width)
+        self.norms = nn.ModuleList(nn.LayerNorm(width, elementwise_affine=False) for _ in range(settings.blocks))
+        self.branches = nn.ModuleList(
+            nn.Sequential(nn.Linear(width, 2 * width), nn.SiLU(), nn.Linear(2 * width, width))
+            for _ in range(settings.blocks)
+        )
+        self.modulation = nn.Linear(width, 3 * width * settings.blocks)
+        nn.init.zeros_(self.modulation.weight)  # every block begins as the identity
+        nn.init.zeros_(self.modulation.bias)
+        self.end = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, DIMENSIONS))
+
+    def prepare(self, tokens: Sequence[Tensor]) -> Tensor:
+        """Return what :meth:`forward` needs of P pairs, (P, width), from tokens (P, T, f + slot_width) per slot."""
+        own = self.slot_width  # the embedding's mean would only repeat it
+        pooled = [torch.cat([slot.amax(1), slot[..., :-own].mean(1)], dim=-1) for slot in tokens]
+        return self.context(torch.cat(pooled, dim=-1))
+
+    def forward(self, x: Tensor, time: Tensor, context: Tensor, pair: Tensor) -> Tensor:
+        """Return predictions (B, 40) for noisy x (B, 40) at times (B,) given prepared pairs and pair indices (B,)."""
+        condition = functional.silu(context[pair] + self.time(time))
+        h = self.begin(x)
+        modulations = self.modulation(condition).chunk(len(self.branches), dim=-1)
+        for norm, branch, modulation in zip(self.norms, self.branches, modulations, strict=True):
+            scale, shift, gate = modulation.chunk(3, dim=-1)
+            h = h + gate * branch((1 + scale) * norm(h) + shift)
+        return self.end(h)
+
+
+class AttentionDenoiser(nn.Module):
+    """The published denoiser without its self-attention: residual blocks with time, cross-attention to all tokens."""
+
+    def __init__(self, settings: DenoiserParameters, token_width: int) -> None:
+        super().__init__()
+        width, self.inner, context = settings.width, 2 * settings.width, token_width + settings.slot_width
+        self.heads = max(self.inner // HEAD, 1)
+        self.time = TimeEmbedding(2 * width)
+        self.begin = nn.Linear(DIMENSIONS, width)
+        self.blocks = nn.ModuleList()
+        for _ in range(settings.blocks):
+            block = nn.ModuleDict(
+                {
+                    "norm": nn.GroupNorm(_groups(width), width),
+                    "first": nn.Linear(width, width),
+                    "time": nn.Linear(2 * width, width),
+                    "second_norm": nn.GroupNorm(_groups(width), width),
+                    "second": nn.Linear(width, width),
+                    "into": nn.Linear(width, self.inner),
+                    "out": nn.Linear(self.inner, width),
+                    "layers": nn.ModuleList(self._layer(context) for _ in range(2)),
+                }
+            )
+            self.blocks.append(block)
+        self.end = nn.Sequential(nn.GroupNorm(_groups(width), width), nn.SiLU(), nn.Linear(width, DIMENSIONS))
+
+    def _layer(self, context: int) -> nn.ModuleDict:
+        inner = self.inner
+        return nn.ModuleDict(
+            {
+                "query_norm": nn.LayerNorm(inner),
+                "query": nn.Linear(inner, inner, bias=False),
+                "key": nn.Linear(context, inner, bias=False),
+                "value": nn.Linear(context, inner, bias=False),
+                "project": nn.Linear(inner, inner),
+                "norm": nn.LayerNorm(inner),
+                "widen": nn.Linear(inner, 4 * inner),  # GEGLU with factor 2: values and gates
+                "narrow": nn.Linear(2 * inner, inner),
+            }
+        )
+
+    def prepare(self, tokens: Sequence[Tensor]) -> Tensor:
+        """Return keys and values (layers, 2, P, heads, 2 T, head) of P pairs, from tokens (P, T, f + slot_width)."""
+        joined = torch.cat(list(tokens), dim=1)
+        found = []
+        for block in self.blocks:
+            for layer in block["layers"]:
+                found += [self._split(layer["key"](joined)), self._split(layer["value"](joined))]
+        return torch.stack(found).unflatten(0, (-1, 2))
+
+    def _split(self, values: Tensor) -> Tensor:
+        """(B, T, inner) to (B, heads, T, head)."""
+        return values.unflatten(-1, (self.heads, -1)).transpose(1, 2)
+
+    def forward(self, x: Tensor, time: Tensor, context: Tensor, pair: Tensor) -> Tensor:
+        """Return predictions (B, 40); see :meth:`MlpDenoiser.forward`."""
+        embedded = functional.silu(self.time(time))
+        h = self.begin(x)
+        prepared = iter(context)
+        for block in self.blocks:
+            inside = block["first"](functional.silu(block["norm"](h))) + block["time"](embedded)
+            h = h + block["second"](functional.silu(block["second_norm"](inside)))
+            y = block["into"](h)
+            for layer in block["layers"]:
+                keys, values = next(prepared)
+                query = self._split(layer["query"](layer["query_norm"](y))[:, None])
+                found = functional.scaled_dot_product_attention(query, keys[pair], values[pair])
+                y = y + layer["project"](found.flatten(1))
+                value, gate = layer["widen"](layer["norm"](y)).chunk(2, dim=-1)
+                y = y + layer["narrow"](value * functional.gelu(gate))
+            h = h + block["out"](y)
+        return self.end(h)
+
+
+def _groups(width: int) -> int:
+    """Groups of a group normalisation: 32 as published, fewer where that does not divide the width."""
+    return math.gcd(32, width)
+
+
+class GraspModel(nn.Module):
+    """Encoder, slot embedding and denoiser."""
+
+    def __init__(self, encoder: EncoderParameters, denoiser: DenoiserParameters) -> None:
+        super().__init__()
+        self.encoder = Encoder(encoder)
+        self.slot = nn.Parameter(torch.randn(2, denoiser.slot_width))  # which object is pinched, which lies in the palm
+        kind = MlpDenoiser if denoiser.kind == "mlp" else AttentionDenoiser
+        self.denoiser = kind(denoiser, encoder.widths[-1])
+
+    def context(self, clouds: CloudTensors, pairs: Tensor) -> Tensor:
+        """Return what the denoiser needs to know of P pairs; every cloud is encoded once.
+
+        Args:
+            pairs: (P, 2) int64, indices into ``clouds`` of object 0 and object 1.
+        """
+        tokens = self.encoder(clouds)
+        slots = []
+        for slot in (0, 1):
+            own = tokens[pairs[:, slot]]
+            slots.append(torch.cat([own, self.slot[slot].expand(*own.shape[:2], -1)], dim=-1))
+        return self.denoiser.prepare(slots)
+
+    def forward(self, x: Tensor, time: Tensor, context: Tensor, pair: Tensor) -> Tensor:
+        """Return the prediction (B, 40) from noisy, normalised grasps x (B, 40) at times (B,) in 0..1.
+
+        Args:
+            context: of :meth:`context`.
+            pair: (B,) int64, the pair of each grasp.
+        """
+        return self.denoiser(x, time, context, pair)
