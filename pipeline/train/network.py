@@ -215,8 +215,8 @@ class AttentionDenoiser(nn.Module):
 
 
 def _groups(width: int) -> int:
-    """Groups of a group normalisation: 32 as published, fewer where that does not divide the width."""
-    return math.gcd(32, width)
+    """Groups of a group normalisation, of 8 channels each: 32 at the published width."""
+    return math.gcd(width, max(width // 8, 1))
 
 
 class GraspModel(nn.Module):
