@@ -35,29 +35,31 @@ def merge(first: str) -> None:
 
     from pipeline.merge.combination import Pair
     from pipeline.merge.grasps import SingleGrasp, distinct_grasps, validated_grasps
-    from pipeline.merge.pairs import merge_pair, summary
+    from pipeline.merge.pairs import merge_pairs, ready_pinches, summary
     from pipeline.records.objects import load_prepared_object
     from pipeline.records.seeds import item_generator
     from pipeline.records.tables import MERGED, VALIDATED, read_table, write_table
     from pipeline.records.writing import whole_folder
 
+    settings, physics, validate = parameters["merge"], parameters["physics"], parameters["validate"]
+
     def grasps(style: str, name: str) -> list[SingleGrasp]:
         table = read_table(paths.validated_file(style, name), VALIDATED, f"validate-{style}@{name}")
-        return distinct_grasps(validated_grasps(table), parameters["merge"].distinct_distance)
+        return distinct_grasps(validated_grasps(table), settings.distinct_distance)
 
     firsts, seconds = grasps("pinch", first), {name: grasps("side", name) for name in styles.side}
     objects = {name: load_prepared_object(name) for name in dict.fromkeys([first, *styles.side])}
-    tables = {}
-    for second in styles.side:
-        pair = Pair(objects[first], objects[second], parameters["merge"], parameters["physics"], parameters["validate"])
-        generator = item_generator(seed, "merge", first, second)
-        table = tables[second] = merge_pair(pair, firsts, seconds[second], generator, workers)
+    pairs = {name: Pair(objects[first], objects[name], settings, physics, validate) for name in styles.side}
+    generators = {name: item_generator(seed, "merge", first, name) for name in styles.side}
+    ready = ready_pinches(objects[first], physics if settings.physics_test else None, firsts, workers)
+    tables = merge_pairs(pairs, ready, seconds, generators, workers)
+    for second, table in tables.items():
         print(f"{first} then {second}: {summary(table)}")
         accepted = int((table["rejected_by"] == "").sum())
-        if accepted < parameters["merge"].grasps_per_pair:
+        if accepted < settings.grasps_per_pair:
             print(
-                f"warning: {accepted} of {parameters['merge'].grasps_per_pair} two-object grasps of {first} then "
-                f"{second}; there were {len(firsts)} pinch and {len(seconds[second])} side grasps to combine.",
+                f"warning: {accepted} of {settings.grasps_per_pair} two-object grasps of {first} then {second}; "
+                f"there were {len(firsts)} pinch and {len(seconds[second])} side grasps to combine.",
                 file=sys.stderr,
             )
     # Nothing is computed inside: an error in there is explained as one of writing.
