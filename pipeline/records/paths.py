@@ -7,6 +7,7 @@ from pathlib import Path
 PARAMETERS_FILE = Path("params.yaml")
 REPORT_PAGE = Path("reports/index.html")
 FIGURES_FOLDER = Path("reports/figures")
+DATASET_CARD = Path("reports/dataset.md")
 SUMMARY_FILE = Path("reports/summary.json")
 TRACKING_FILE = Path("reports/tracking.json")
 DURATIONS_FILE = Path("reports/durations.json")

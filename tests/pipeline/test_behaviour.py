@@ -72,6 +72,7 @@ def test_a_run_changes_only_records_in_git(finished):
     assert set(listed) <= {
         "dvc.lock",
         "params.yaml",
+        "reports/dataset.md",
         "reports/summary.json",
         "reports/tracking.json",
         "reports/durations.json",
