@@ -8,14 +8,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import FINGER_LINKS, load_hand
-from pipeline.hand.kinematics import link_poses, points_on_links
 from pipeline.hand.moves import finger_joints
-from pipeline.hand.surface import hand_surface
+from pipeline.hand.parts import part_points
 from pipeline.records.poses import inverse_pose, pose_matrix, transform_points
 
 RING_JOINTS = finger_joints(["ring"])
-RING_LINKS = ("link_8.0", *FINGER_LINKS["ring"])
 
 
 @dataclass(frozen=True)
@@ -66,13 +63,8 @@ def validated_grasps(table: pd.DataFrame) -> list[SingleGrasp]:
 
 def _shape(grasp: SingleGrasp) -> NDArray[np.float64]:
     """Surface points (n, 3), object frame, of the part of the hand that a merged grasp takes from this one."""
-    hand = load_hand()
-    links, points = hand_surface(300)
-    ring = np.isin(links, [hand.link(name) for name in RING_LINKS])
-    palm = links == hand.link("base_link")
-    own = ring | palm if "ring" in grasp.fingers else ~ring
-    inside = points_on_links(link_poses(hand, grasp.q[None]), links[own], points[own])[0]
-    return transform_points(grasp.T_object_hand, inside)
+    style = "side" if "ring" in grasp.fingers else "pinch"
+    return transform_points(grasp.T_object_hand, part_points(style, grasp.q))
 
 
 def distinct_grasps(grasps: list[SingleGrasp], distance: float) -> list[SingleGrasp]:

@@ -10,7 +10,8 @@ import pytest
 from pipeline.hand.allegro import load_hand
 from pipeline.hand.kinematics import link_poses
 from pipeline.merge.combination import Pair, try_combination
-from pipeline.merge.pairs import merge_pair, summary
+from pipeline.merge.pairs import merge_pairs, ready_pinches, summary
+from pipeline.merge.readiness import ready_pinch
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
@@ -54,7 +55,7 @@ def with_mount_low():
     ],
 )
 def test_fate_of_a_combination(first, second, fate: str) -> None:
-    row = try_combination(pair(), (first, second))
+    row = try_combination(pair(), ready_pinch(box(), PhysicsParameters(), first), second)
     assert row["rejected_by"] == fate
     assert set(row) == set(MERGED.names)
     if fate == "":
@@ -69,10 +70,17 @@ def several(count: int):
     return firsts, seconds
 
 
-def merged(workers: int, **settings) -> pd.DataFrame:
+def all_merged(workers: int, seconds: dict, **settings) -> dict[str, pd.DataFrame]:
     settings = {"grasps_per_pair": 6, "most_per_grasp": 2, "distinct_distance": 0.0, "physics_test": False} | settings
-    firsts, seconds = several(6)
-    return merge_pair(pair(**settings), firsts, seconds, np.random.default_rng(4), workers)
+    firsts, _ = several(6)
+    pairs = {name: pair(**settings) for name in seconds}
+    physics = PhysicsParameters() if settings["physics_test"] else None
+    generators = {name: np.random.default_rng(4 + len(name)) for name in seconds}
+    return merge_pairs(pairs, ready_pinches(box(), physics, firsts, workers), seconds, generators, workers)
+
+
+def merged(workers: int, **settings) -> pd.DataFrame:
+    return all_merged(workers, {"can": several(6)[1]}, **settings)["can"]
 
 
 def test_wanted_number_is_reached_balanced_and_without_repetition() -> None:
@@ -99,6 +107,14 @@ def test_limits_end_the_search() -> None:
     assert len(merged(1, most_combinations=5)) == 5
     few = merged(1, grasps_per_pair=40)  # 4 usable side grasps, twice each
     assert (few.rejected_by == "").sum() == 8
-    nothing = merge_pair(pair(), [], [side()], np.random.default_rng(0), 1)
+    nothing = merge_pairs({"can": pair()}, [], {"can": [side()]}, {"can": np.random.default_rng(0)}, 1)["can"]
     assert len(nothing) == 0 and list(nothing.columns) == MERGED.names
     assert summary(nothing) == "0 accepted of 0 tried"
+
+
+def test_a_pair_does_not_depend_on_its_neighbours() -> None:
+    seconds = several(6)[1]
+    beside = all_merged(1, {"can": seconds, "empty": [], "bottle": seconds[:2]}, grasps_per_pair=4)
+    alone = all_merged(1, {"can": seconds}, grasps_per_pair=4)["can"]
+    pd.testing.assert_frame_equal(beside["can"], alone)
+    assert len(beside["empty"]) == 0 and (beside["bottle"].rejected_by == "").sum() == 4
