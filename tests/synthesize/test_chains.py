@@ -25,7 +25,7 @@ def chosen(grasps: Grasps, rows) -> Grasps:
 def problem(style: str, count: int):
     prepared, settings, fingers, contacts = STYLES[style]
     scene = EnergyScene(prepared, EnergyParameters(), settings)
-    slots = contact_slots(HAND, fingers, contacts, 4)
+    slots = contact_slots(HAND, fingers, contacts)
     generators = [np.random.default_rng([3, index]) for index in range(count)]
     return scene, slots, draw_seeds(scene, HAND, style, settings, slots, generators)
 
@@ -53,7 +53,7 @@ def test_two_states_are_visited_as_boltzmann_says():
         step=1e-9, noise=0.0, switch_probability=1.0, temperature=gap, temperature_decay=1.0, polish_iterations=0
     )
     current, best = scene.states(first), scene.states(first)
-    launch_chains(scene, optimizer, 40, current, best, only, free_joints("pinch"), np.arange(chains))
+    launch_chains(scene, optimizer, 40, current, best, only, free_joints("pinch", PINCH), np.arange(chains))
     share = (read_grasps(current).contacts[:, 0] == a).mean()
     weight = np.exp(-(energy - energy.min()) / gap)
     expected = weight[0] / weight.sum()
@@ -65,7 +65,7 @@ def test_two_states_are_visited_as_boltzmann_says():
 @pytest.mark.parametrize("style", ["pinch", "side"])
 def test_a_chain_depends_on_its_seed_and_start_only(style):
     scene, slots, first = problem(style, 6)
-    free, seeds, optimizer = free_joints(style), np.arange(6) + 11, OptimizerParameters(polish_iterations=20)
+    free, seeds, optimizer = free_joints(style, STYLES[style][1]), np.arange(6) + 11, OptimizerParameters(polish_iterations=20)
     all_best, _ = run_chains(scene, optimizer, 120, first, slots, free, seeds)
     again, _ = run_chains(scene, optimizer, 120, first, slots, free, seeds)
     assert same(all_best, again)
@@ -80,7 +80,7 @@ def test_a_chain_depends_on_its_seed_and_start_only(style):
 def test_the_best_state_is_kept_with_its_energy(style):
     scene, slots, first = problem(style, 12)
     start = scene.evaluate(first)[0].energy
-    free, seeds = free_joints(style), np.arange(12)
+    free, seeds = free_joints(style, STYLES[style][1]), np.arange(12)
     plain, terms = run_chains(scene, OptimizerParameters(polish_iterations=0), 300, first, slots, free, seeds)
     np.testing.assert_allclose(terms.energy, scene.evaluate(plain)[0].energy, rtol=1e-5)
     assert (terms.energy <= start).all() and np.median(terms.energy) < 0.5 * np.median(start)

@@ -110,7 +110,7 @@ def test_missing_object_is_one_sentence(workplace, capsys):
         ({"contacts": {"index+thumb": 2}}, "thumb\\+index"),
         ({"contacts": {"thumb+index": 2, "thumb+ring": 2}}, "thumb\\+ring"),
         ({"finger_sets": [["thumb", "thumb"]], "contacts": {"thumb+thumb": 2}}, "twice"),
-        ({"distal_links": {"thumb+index": 5}}, "1 to 4"),
+        ({"links": {"thumb+middle": ["link_3.0"]}}, "thumb\\+middle"),
         ({"distance_from_palm": [0.2, 0.1]}, "smaller distance first"),
     ],
 )

@@ -52,7 +52,29 @@ class OptimizerParameters(Section):
     noise: float = Field(
         0.7, ge=0, le=5, description="Langevin noise on the pose in units of the step. Paper's code: none."
     )
-    momentum: float = Field(0.95, ge=0, lt=1, description="Memory of the mean squared gradient, per grasp.")
+    momentum: float = Field(
+        0.95, ge=0, lt=1, description="Memory of the mean squared gradient. Paper's code: 0.02 (nearly none)."
+    )
+    batch: int = Field(
+        32,
+        ge=1,
+        le=100000,
+        description="Chains of one launch. Without effect on the results unless the next two are set. Paper's code: 256.",
+    )
+    shared_preconditioner: bool = Field(
+        False, description="One mean squared gradient for a whole batch, not one per grasp. Paper's code: true."
+    )
+    batch_table_term: bool = Field(
+        False,
+        description="Add the sum of E_table over the batch to every grasp of it, in chains and filter: a slip of the "
+        "paper's code, which no preset repeats.",
+    )
+    duplicate_contacts: bool = Field(
+        False, description="Two contacts of a grasp may be the same candidate. Paper's code: true."
+    )
+    keep_best: bool = Field(
+        True, description="A chain ends with its state of lowest energy, not with its last. Paper's code: false."
+    )
     polish_iterations: int = Field(
         200, ge=0, le=10000, description="RMSprop iterations on the best state, contacts fixed. Paper's code: none."
     )
@@ -67,9 +89,14 @@ class StyleParameters(Section):
         description="Contact sets, chains shared evenly. Paper: any combination of thumb, index, middle; ring + palm.",
     )
     contacts: dict[str, int] = Field(description="Number of contacts per finger set, keyed thumb+index and so on.")
-    distal_links: dict[str, int] = Field(
+    links: dict[str, list[str]] = Field(
         default_factory=dict,
-        description="Links per finger, counted from the tip, that may touch; keyed as contacts, 4 where not named.",
+        description="Links that may touch, keyed as contacts; all links of the fingers where not named.",
+    )
+    free_contacts: bool = Field(
+        False,
+        description="Every contact is drawn from all fingers of its set, so that a finger may stay idle; otherwise each "
+        "has a contact of its own. Paper's code: true.",
     )
     chains: int = Field(256, ge=1, le=100000, description="Independent chains (candidates).")
     iterations: int = Field(1500, ge=1, le=100000, description="Length of each chain. Paper: 6000.")
@@ -88,6 +115,11 @@ class StyleParameters(Section):
         le=3.1416,
         description="First hands are turned about z by up to this to either side, rad. Paper's code: 0.",
     )
+    released_seeds: bool = Field(
+        False,
+        description="First hands as the paper's code draws them: collisions are not looked at, the fingers that the "
+        "style does not use have its postures, and all joints move.",
+    )
 
     @model_validator(mode="after")
     def _finger_sets_can_hold(self) -> Self:
@@ -97,12 +129,10 @@ class StyleParameters(Section):
                 raise ValueError(f"the finger set {key} names a finger twice")
             if self.contacts.get(key, 0) < len(fingers):
                 raise ValueError(f"contacts needs an entry {key!r} of at least {len(fingers)}, one per finger")
-        for name in ("contacts", "distal_links"):
+        for name in ("contacts", "links"):
             unknown = sorted(set(getattr(self, name)) - set(keys))
             if unknown:
                 raise ValueError(f"{name} names {unknown[0]!r}, which is not in finger_sets; it has {', '.join(keys)}")
-        if any(not 1 <= count <= 4 for count in self.distal_links.values()):
-            raise ValueError("distal_links counts links of a finger, 1 to 4")
         if not 0 < self.distance_from_palm[0] <= self.distance_from_palm[1]:
             raise ValueError("distance_from_palm is a positive range, the smaller distance first")
         return self
