@@ -134,7 +134,7 @@ def run_chains(
     free: NDArray[np.bool_],
     seeds: NDArray[np.int64],
 ) -> tuple[Grasps, Terms]:
-    """Return the best (or, without ``keep_best``, the last) state of every chain and its terms: annealed, then polished.
+    """Return what every chain ends with, and its terms: the best state (or the last one) annealed, then polished.
 
     Args:
         iterations: length of each chain, before polishing.

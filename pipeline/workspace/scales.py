@@ -43,7 +43,9 @@ def compose(scale: str, target: Path, preset: str = DEFAULT_PRESET) -> None:
 
     with tempfile.TemporaryDirectory() as folder:
         composed = Path(folder) / "params.yaml"
-        compose_and_dump(composed, str(CONFIG_FOLDER.resolve()), None, CONFIG_NAME, "", [f"scale={scale}", f"preset={preset}"])
+        compose_and_dump(
+            composed, str(CONFIG_FOLDER.resolve()), None, CONFIG_NAME, "", [f"scale={scale}", f"preset={preset}"]
+        )
         read_parameters(composed)
         target.write_bytes(composed.read_bytes())
 

@@ -28,8 +28,12 @@ class EnergyParameters(Section):
     limit_force_closure: float = Field(0.3, gt=0, description="Filter: largest E_fc. Paper: 0.3.")
     limit_distance: float = Field(0.005, gt=0, description="Filter: largest E_dis, m. Paper: 0.005.")
     limit_penetration: float = Field(0.001, gt=0, description="Filter: largest E_pen + E_table, m. Paper: 0.001.")
-    limit_self_penetration: float = Field(0.001, gt=0, description="Filter: largest E_spen, m. Paper: not filtered.")
-    limit_joints: float = Field(0.001, gt=0, description="Filter: largest E_joints, rad. Paper: not filtered.")
+    limit_self_penetration: float | None = Field(
+        0.001, gt=0, description="Filter: largest E_spen, m; null does not filter. Paper: null."
+    )
+    limit_joints: float | None = Field(
+        0.001, gt=0, description="Filter: largest E_joints, rad; null does not filter. Paper: null."
+    )
 
 
 class OptimizerParameters(Section):
@@ -59,7 +63,7 @@ class OptimizerParameters(Section):
         32,
         ge=1,
         le=100000,
-        description="Chains of one launch. Without effect on the results unless the next two are set. Paper's code: 256.",
+        description="Chains of one launch. Changes results only with one of the next two. Paper's code: 256.",
     )
     shared_preconditioner: bool = Field(
         False, description="One mean squared gradient for a whole batch, not one per grasp. Paper's code: true."
@@ -95,8 +99,8 @@ class StyleParameters(Section):
     )
     free_contacts: bool = Field(
         False,
-        description="Every contact is drawn from all fingers of its set, so that a finger may stay idle; otherwise each "
-        "has a contact of its own. Paper's code: true.",
+        description="Contacts are drawn from all fingers of a set, so that one may stay idle; otherwise each has a "
+        "contact of its own. Paper's code: true.",
     )
     chains: int = Field(256, ge=1, le=100000, description="Independent chains (candidates).")
     iterations: int = Field(1500, ge=1, le=100000, description="Length of each chain. Paper: 6000.")
