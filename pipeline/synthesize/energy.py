@@ -49,6 +49,7 @@ class Terms:
     table: NDArray[np.float64]
     self_penetration: NDArray[np.float64]
     joints: NDArray[np.float64]
+    offset: NDArray[np.float64]
 
 
 def block_order(points: NDArray[np.float64], size: int = BLOCK) -> list[NDArray[np.int64]]:
@@ -260,6 +261,7 @@ class EnergyScene:
         weights.table_slope = self.energy.weight_penetration * table_factor
         weights.self_penetration = self.energy.weight_self_penetration
         weights.joints = self.energy.weight_joints
+        weights.offset = self.energy.weight_offset
         weights.balance_forces = int(self.energy.balance_forces)
         return weights
 

@@ -22,7 +22,7 @@ import warp as wp
 TRANSLATION = 3  # degrees of freedom before the rotation
 POSE = 6  # degrees of freedom before the joints
 DEGREES = 22
-TERMS = 6  # force closure, distance, penetration, table, self-penetration, joints
+TERMS = 7  # force closure, distance, penetration, table, self-penetration, joints, offset
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
@@ -91,6 +91,7 @@ class Weights:
     table_slope: float  # weight of the table term in the gradient
     self_penetration: float
     joints: float
+    offset: float
     balance_forces: int
 
 
@@ -281,7 +282,7 @@ def place_links(hand: HandArrays, states: States, scratch: Scratch, chain: int):
 def contact_terms(
     hand: HandArrays, scene: ObjectArrays, weights: Weights, states: States, scratch: Scratch, chain: int
 ):
-    """Force closure and distance of the contacts."""
+    """Force closure, distance and offset of the contacts."""
     count = states.contacts.shape[1]
     opposing = float(0.0)
     for slot in range(count):
@@ -295,6 +296,7 @@ def contact_terms(
     force = wp.vec3(0.0, 0.0, 0.0)
     torque = wp.vec3(0.0, 0.0, 0.0)
     distance = float(0.0)
+    centre = wp.vec3(0.0, 0.0, 0.0)
     for slot in range(count):
         candidate = states.contacts[chain, slot]
         link = hand.contact_link[candidate]
@@ -305,8 +307,10 @@ def contact_terms(
         normal = wp.normalize(gradient)
         if hand.contact_opposes[candidate] > 0:
             normal = normal * share
+            centre += p * (share / float(count))
         else:
             normal = normal * share_others
+            centre += p * (share_others / float(count))
         scratch.normal[chain, slot] = normal
         force += normal
         torque += wp.cross(p, normal)
@@ -317,10 +321,16 @@ def contact_terms(
         candidate = states.contacts[chain, slot]
         link = hand.contact_link[candidate]
         p = scratch.position[chain, link] + scratch.rotation[chain, link] @ hand.contact_point[candidate]
-        add_force(scratch, chain, link, p, wp.cross(scratch.normal[chain, slot], torque) * scale)
+        part = share_others
+        if hand.contact_opposes[candidate] > 0:
+            part = share
+        pull = centre * (2.0 * weights.offset * part / float(count))
+        add_force(scratch, chain, link, p, wp.cross(scratch.normal[chain, slot], torque) * scale + pull)
+    offset = wp.dot(centre, centre)
     states.terms[chain, 0] = closure
     states.terms[chain, 1] = distance
-    return weights.force_closure * closure + weights.distance * distance
+    states.terms[chain, 6] = offset
+    return weights.force_closure * closure + weights.distance * distance + weights.offset * offset
 
 
 @wp.func

@@ -79,6 +79,7 @@ def score_exactly(
         + energy.weight_penetration * (exact.penetration + exact.table)
         + energy.weight_self_penetration * exact.self_penetration
         + energy.weight_joints * exact.joints
+        + energy.weight_offset * exact.offset
     )
     return replace(exact, energy=total), points, normals
 

@@ -12,13 +12,19 @@ Finger = Literal["thumb", "index", "middle", "ring", "palm"]
 
 
 class EnergyParameters(Section):
-    """Weights of the terms E_fc, E_dis, E_pen + E_table, E_spen, E_joints, and the filter on them."""
+    """Weights of the terms E_fc, E_dis, E_pen + E_table, E_spen, E_joints, the offset, and the filter on them."""
 
     weight_force_closure: float = Field(1.0, ge=0, description="Paper: 1.")
     weight_distance: float = Field(100.0, ge=0, description="Per metre. Paper: 100.")
     weight_penetration: float = Field(100.0, ge=0, description="Per metre. Paper: 100.")
     weight_self_penetration: float = Field(30.0, ge=0, description="Per metre. Paper: 30.")
     weight_joints: float = Field(1.0, ge=0, description="Per radian. Paper: 1.")
+    weight_offset: float = Field(
+        200.0,
+        ge=0,
+        description="Per square metre, on the squared distance of the middle of the contacts (each with its share of the "
+        "force) from the centre of mass: gravity turns an object that is held beside it. Paper: 0.",
+    )
     object_points: int = Field(2000, ge=100, le=4096, description="Object surface points of E_pen. Paper: 2000.")
     hand_points: int = Field(1000, ge=100, le=4000, description="Hand surface points of E_table, E_spen. Paper: 1000.")
     scale_torque: bool = Field(True, description="Divide torques by half the middle extent. Paper: metres, unscaled.")
