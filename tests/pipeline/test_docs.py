@@ -12,7 +12,7 @@ from pipeline.prepare.sources import FILE_FORMATS
 from pipeline.records import tables
 from pipeline.records.parameters import MeshParameters, ObjectParameters, Parameters
 from pipeline.report.meanings import MERGE, SYNTHESIS, TRIALS, VALIDATION
-from pipeline.workspace.scales import flatten, scales
+from pipeline.workspace.scales import choices, flatten
 from tests.pipeline.declared import declared_stages
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -89,7 +89,7 @@ def test_every_command_of_dev_exists(command):
 def test_every_named_scale_exists(monkeypatch):
     monkeypatch.chdir(ROOT)
     named = {name for command in commands() for name in re.findall(r"--scale (\w+)", command)}
-    assert named and named <= set(scales())
+    assert named and named <= set(choices("scale"))
 
 
 @pytest.mark.parametrize("command", [c for c in commands() if c.startswith("python ")])

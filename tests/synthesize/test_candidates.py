@@ -10,7 +10,6 @@ from pipeline.hand.allegro import load_hand
 from pipeline.records.parameters import load_parameters
 from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters, StyleParameters
 from pipeline.records.tables import CANDIDATES, write_table
-from pipeline.synthesize import candidates
 from pipeline.synthesize.__main__ import sections
 from pipeline.synthesize.candidates import Request, split_chains, synthesize
 from tests.synthesize import shapes
@@ -18,16 +17,16 @@ from tests.synthesize import shapes
 SETS = StyleParameters(
     finger_sets=[["thumb", "index"], ["thumb", "index", "middle"]],
     contacts={"thumb+index": 2, "thumb+index+middle": 3},
-    distal_links={"thumb+index+middle": 2},
+    links={"thumb+index+middle": ["link_15.0_tip", "link_3.0_tip", "link_7.0_tip"]},
     chains=40,
     iterations=600,
     table_clearance=0.005,
 )
 
 
-def request(**changes) -> Request:
+def request(batch: int = 32, **changes) -> Request:
     settings = SETS.model_copy(update=changes)
-    return Request(shapes.box(), "pinch", 3, EnergyParameters(), OptimizerParameters(), settings)
+    return Request(shapes.box(), "pinch", 3, EnergyParameters(), OptimizerParameters(batch=batch), settings)
 
 
 @pytest.fixture(scope="module")
@@ -49,9 +48,8 @@ def test_chains_find_grasps_that_close_on_a_box(rows):
     assert (q >= load_hand().lower).all() and (q <= load_hand().upper).all()
 
 
-def test_rows_do_not_depend_on_blocks_and_fit_the_table(rows, monkeypatch, tmp_path):
-    monkeypatch.setattr(candidates, "CHAINS_PER_BLOCK", 7)
-    again = synthesize(request(), workers=2)
+def test_rows_do_not_depend_on_blocks_and_fit_the_table(rows, tmp_path):
+    again = synthesize(request(batch=7), workers=2)
     first, second = tmp_path / "a.parquet", tmp_path / "b.parquet"
     write_table(first, rows, CANDIDATES)
     write_table(second, again, CANDIDATES)
