@@ -39,6 +39,7 @@ class Checkpoint:
     diffusion: DiffusionParameters
     normalisation: Normalisation
     pairs: tuple[tuple[str, str], ...]  # trained together
+    held_out: dict[str, list[int]]  # "pinch.cube" -> single grasps that no training example has a part in
     weights: dict[str, Tensor]
 
     def model(self, device: str = "cpu") -> GraspModel:
@@ -67,6 +68,7 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint, history: list[dict[st
             "mean": checkpoint.normalisation.mean.tolist(),
             "deviation": checkpoint.normalisation.deviation.tolist(),
         },
+        "held_out": checkpoint.held_out,
         "pairs": [list(pair) for pair in checkpoint.pairs],
     }
     with whole_folder(folder) as temporary:
@@ -97,6 +99,7 @@ def read_checkpoint(folder: Path) -> Checkpoint:
                 np.array(config["normalisation"]["mean"]), np.array(config["normalisation"]["deviation"])
             ),
             pairs=tuple((first, second) for first, second in config["pairs"]),
+            held_out={name: [int(index) for index in own] for name, own in config["held_out"].items()},
             weights=load_file(folder / "model.safetensors"),
         )
         checkpoint.model()

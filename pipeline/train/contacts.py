@@ -30,6 +30,15 @@ class Contacts:
     normals: list[NDArray[np.float64]]  # (B,) of (n, 3) outward from the object, object frame
     distance: NDArray[np.float64]  # (B,) mean distance of the contacts to the surface, m
 
+    def chosen(self, index: NDArray[np.int64]) -> Contacts:
+        """Return those of some of the grasps, in the given order."""
+        return Contacts(
+            [self.fingers[i] for i in index],
+            [self.candidates[i] for i in index],
+            [self.normals[i] for i in index],
+            self.distance[index],
+        )
+
 
 def choose_fingers(
     nearest: dict[str, NDArray[np.float64]], sets: list[tuple[str, ...]]
@@ -79,7 +88,7 @@ def choose_contacts(
     found: list[tuple[NDArray[np.int64], NDArray[np.float64], float]] = []
     for index, chosen in enumerate(fingers):
         key = keys[sets.index(chosen)]
-        slots = contact_slots(hand, chosen, style.contacts[key], style.distal_links.get(key, 4))
+        slots = contact_slots(hand, chosen, style.contacts[key], style.links.get(key, ()))
         picks = []
         for slot in slots:
             allowed = np.flatnonzero(slot)

@@ -17,6 +17,8 @@ from pipeline.records.seeds import item_generator
 from pipeline.train.clouds import Clouds, prepare_cloud, stack
 from pipeline.train.representation import GraspBatch
 
+STYLES = ("pinch", "side")  # how object 0 and object 1 are held
+
 
 @dataclass(frozen=True)
 class Examples:
@@ -27,6 +29,7 @@ class Examples:
     grasps: GraspBatch  # of N examples
     pair: NDArray[np.int64]  # (N,) index into pairs
     split: NDArray[np.str_]  # (N,) "training", "held_out" (a single grasp is unseen), "held_out_pair" (the pair is)
+    held_out: dict[str, list[int]]  # "pinch.cube" -> single grasps that are kept from training, by id
     clouds: Clouds  # object by object, draw by draw
 
     def pair_objects(self) -> NDArray[np.int64]:
@@ -71,18 +74,29 @@ def gather_examples(
     if not pairs:
         raise UserError("data/merge holds no accepted grasp; loosen `merge` in params.yaml or synthesize more chains.")
     rows = pd.concat([accepted[pair] for pair in pairs], ignore_index=True)
-    unseen = np.zeros(len(rows), dtype=bool)
-    for slot in (0, 1):
-        for _, own in rows.groupby(f"object{slot}"):
-            chosen = held_out_grasps(own, slot, data.held_out, seed)
-            unseen[own.index] |= own[f"grasp{slot}_id"].isin(chosen)
+    held_out = {
+        f"{style}.{name}": sorted(held_out_grasps(own, slot, data.held_out, seed))
+        for slot, style in enumerate(STYLES)
+        for name, own in rows.groupby(f"object{slot}")
+    }
+    unseen = unseen_rows(rows, held_out)
     pair = np.concatenate([np.full(len(accepted[name]), index) for index, name in enumerate(pairs)])
     unseen_pair = np.isin(pair, [index for index, name in enumerate(pairs) if list(name) in data.held_out_pairs])
     split = np.where(unseen_pair, "held_out_pair", np.where(unseen, "held_out", "training"))
     if not (split == "training").any():
         raise UserError("params.yaml: train.data keeps every grasp from training; lower held_out or held_out_pairs.")
     names = tuple(dict.fromkeys(name for name_pair in pairs for name in name_pair))
-    return Examples(names, pairs, grasps_of(rows), pair, split, object_clouds([objects[n] for n in names], encoder, seed))
+    clouds = object_clouds([objects[name] for name in names], encoder, seed)
+    return Examples(names, pairs, grasps_of(rows), pair, split, held_out, clouds)
+
+
+def unseen_rows(rows: pd.DataFrame, held_out: Mapping[str, Sequence[int]]) -> NDArray[np.bool_]:
+    """Return which rows (N,) of a merged table have a single grasp in ``held_out``."""
+    unseen = np.zeros(len(rows), dtype=bool)
+    for slot, style in enumerate(STYLES):
+        keys = zip(rows[f"object{slot}"], rows[f"grasp{slot}_id"], strict=True)
+        unseen |= np.array([index in held_out.get(f"{style}.{name}", ()) for name, index in keys], dtype=bool)
+    return unseen
 
 
 def grasps_of(rows: pd.DataFrame) -> GraspBatch:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import Hand
+from pipeline.hand.allegro import Hand, load_hand
 from pipeline.hand.kinematics import link_poses, points_on_links
 from pipeline.hand.surface import hand_surface
 from pipeline.records.objects import PreparedObject
@@ -64,7 +64,11 @@ def grasp_distances(hand: Hand, first: GraspBatch, second: GraspBatch) -> NDArra
     return total
 
 
-def coverage(distances: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the share of held-out grasps (rows) that some sample (columns) is near to, and the median distance, m."""
-    nearest = distances.min(1)
-    return float((nearest < COVERED).mean()), float(np.median(nearest))
+def nearest_samples(held_out: GraspBatch, samples: GraspBatch) -> dict[str, float]:
+    """Return the share of held-out grasps that some sample is near to, and how far the nearest one is, median, mm."""
+    nearest = grasp_distances(load_hand(), held_out, samples).min(1)
+    return {
+        "grasps": len(nearest),
+        "covered": float((nearest < COVERED).mean()),
+        "nearest_mm_median": 1000 * float(np.median(nearest)),
+    }

@@ -39,6 +39,17 @@ class Scored:
     penetration: NDArray[np.float64]  # (B,) m, the kernel's sum over surface points, larger of both objects
     overlap: NDArray[np.float64]  # (B,) m, deepest point of one object inside the other
 
+    def chosen(self, index: NDArray[np.int64]) -> Scored:
+        """Return some of the grasps, in the given order."""
+        first, second = self.contacts
+        return Scored(
+            self.grasps[index],
+            (first.chosen(index), second.chosen(index)),
+            self.energy[index],
+            self.penetration[index],
+            self.overlap[index],
+        )
+
 
 class PairEnergy:
     """Energy and gradient of two-object grasps of one pair."""

@@ -28,7 +28,7 @@ from torch import Tensor
 
 from pipeline.compute.progress import watched
 from pipeline.hand.allegro import load_hand
-from pipeline.records.parameters.train import OptimizationParameters, TrainParameters
+from pipeline.records.parameters.train import OptimizationParameters, TrainingParameters
 from pipeline.records.seeds import item_seed
 from pipeline.records.writing import whole_file
 from pipeline.train.checkpoint import Checkpoint
@@ -54,7 +54,7 @@ class Batch:
 class Source:
     """Makes batches; the batch of a step depends on the seed and the step alone."""
 
-    def __init__(self, examples: Examples, settings: TrainParameters, seed: int, split: str) -> None:
+    def __init__(self, examples: Examples, settings: TrainingParameters, seed: int, split: str) -> None:
         self.examples, self.settings, self.seed, self.hand = examples, settings, seed, load_hand()
         self.rows = np.flatnonzero(examples.split == split)
         training = examples.grasps[examples.split == "training"]
@@ -80,6 +80,8 @@ class Source:
             angles = rng.uniform(0, 2 * np.pi, objects)  # one per object, so that it is still encoded once
             grasps = turn_objects(grasps, angles[self.examples.pair_objects()[pair]])
             clouds = _turn_clouds(clouds, angles)
+        noise = torch.randn(clouds.points.shape, generator=generator) * self.settings.data.cloud_noise
+        clouds = CloudTensors(clouds.points + noise, clouds.neighbours)
         vectors = self.normalisation.apply(to_vectors(self.hand, grasps))
         return Batch(
             clean=torch.as_tensor(vectors, dtype=torch.float32),
@@ -106,7 +108,7 @@ def _turn_clouds(clouds: CloudTensors, angles: NDArray[np.float64]) -> CloudTens
     return CloudTensors(torch.stack([cosine * x - sine * y, sine * x + cosine * y, z], dim=-1), clouds.neighbours)
 
 
-def loss_of(model: GraspModel, batch: Batch, pairs: Tensor, settings: TrainParameters) -> Tensor:
+def loss_of(model: GraspModel, batch: Batch, pairs: Tensor, settings: TrainingParameters) -> Tensor:
     """Return the mean squared error of the prediction, over batch and dimensions."""
     device = pairs.device
     clouds = CloudTensors(batch.clouds.points.to(device), tuple(level.to(device) for level in batch.clouds.neighbours))
@@ -126,7 +128,7 @@ def learning_rate(step: int, settings: OptimizationParameters) -> float:
 
 
 def train(
-    examples: Examples, settings: TrainParameters, seed: int, state_file: Path
+    examples: Examples, settings: TrainingParameters, seed: int, state_file: Path
 ) -> tuple[Checkpoint, list[dict[str, float]]]:
     """Train a model and return it with its curve: step, epoch, learning rate and losses.
 
@@ -177,13 +179,19 @@ def train(
     trained = tuple(examples.pairs[index] for index in sorted(set(examples.pair[source.rows].tolist())))
     weights = {name: value.cpu() for name, value in average.state_dict().items()}
     checkpoint = Checkpoint(
-        settings.encoder, settings.denoiser, settings.diffusion, source.normalisation, trained, weights
+        encoder=settings.encoder,
+        denoiser=settings.denoiser,
+        diffusion=settings.diffusion,
+        normalisation=source.normalisation,
+        pairs=trained,
+        held_out=examples.held_out,
+        weights=weights,
     )
     return checkpoint, history
 
 
 @torch.no_grad()
-def _mean_loss(model: GraspModel, batches: list[Batch], pairs: Tensor, settings: TrainParameters) -> float:
+def _mean_loss(model: GraspModel, batches: list[Batch], pairs: Tensor, settings: TrainingParameters) -> float:
     weights = [len(batch.pair) for batch in batches]
     return float(np.average([loss_of(model, batch, pairs, settings).item() for batch in batches], weights=weights))
 
@@ -201,7 +209,7 @@ def _deterministic(settings: OptimizationParameters) -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-def _identity(examples: Examples, settings: TrainParameters, seed: int) -> str:
+def _identity(examples: Examples, settings: TrainingParameters, seed: int) -> str:
     """Return a digest of all that the weights depend on: a state of another run must not be resumed."""
     digest = hashlib.sha256(f"{settings.model_dump_json()} {seed} {examples.pairs} {torch.__version__}".encode())
     for array in (examples.grasps.T_hand_object, examples.grasps.q, examples.pair, examples.clouds.points):

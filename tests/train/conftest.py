@@ -14,7 +14,7 @@ from pipeline.records.parameters.train import (
     EncoderParameters,
     OptimizationParameters,
     TrainDataParameters,
-    TrainParameters,
+    TrainingParameters,
 )
 from pipeline.records.poses import position_quaternion
 from tests.synthesize import shapes
@@ -23,8 +23,8 @@ FIRSTS, SECONDS = ("cube", "ball"), ("can", "slender")
 
 
 @pytest.fixture(scope="session")
-def settings() -> TrainParameters:
-    return TrainParameters(
+def settings() -> TrainingParameters:
+    return TrainingParameters(
         data=TrainDataParameters(held_out=0.1),
         encoder=EncoderParameters(
             points=64, clouds=2, centres=[16, 8, 4], neighbours=[8, 8, 4], widths=[8, 8, 16]

@@ -27,6 +27,7 @@ from pipeline.records.parameters.prepare import PrepareParameters
 from pipeline.records.parameters.report import ComputeParameters, ReportParameters, TrackParameters
 from pipeline.records.parameters.section import Section
 from pipeline.records.parameters.synthesize import SynthesizeParameters
+from pipeline.records.parameters.train import TrainParameters
 from pipeline.records.parameters.validate import ValidateParameters
 
 OBJECT_NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -46,6 +47,7 @@ class Parameters(Section):
     physics: PhysicsParameters
     validate_: ValidateParameters = Field(alias="validate")
     merge: MergeParameters
+    train: TrainParameters
     evaluate: EvaluateParameters
     report: ReportParameters
     track: TrackParameters

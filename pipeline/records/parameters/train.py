@@ -24,6 +24,9 @@ class TrainDataParameters(Section):
         [], description="Pairs, [first, second], that are never trained together. Paper's code: none."
     )
     normalise: bool = Field(True, description="Zero mean and unit variance per dimension. Paper's code: off.")
+    cloud_noise: float = Field(
+        0.0005, ge=0, le=0.01, description="Standard deviation of noise on the points, m. Paper's code: none."
+    )
     yaw_augmentation: bool = Field(
         False, description="Turn object frames about z at random. Paper's code: off, and wrong if switched on."
     )
@@ -33,7 +36,9 @@ class EncoderParameters(Section):
     """PointNet++: three set abstractions, coarser from level to level; tokens are the centres of the last one."""
 
     points: int = Field(512, ge=16, le=4096, description="Surface points that the model sees. Paper: 1024.")
-    clouds: int = Field(4, ge=1, le=64, description="Different draws of them per object. Paper: one per example.")
+    clouds: int = Field(
+        64, ge=1, le=1024, description="Stored draws of them per object; with 4 it learns the draws. Paper: one per example."
+    )
     centres: Level = Field([64, 32, 16], description="Paper: 128, 64, 32.")
     radii: Annotated[list[float], Field(min_length=3, max_length=3)] = Field(
         [0.02, 0.04, 0.08], description="Of neighbourhoods, m. Paper: 0.02, 0.04, 0.08."
@@ -87,11 +92,35 @@ class OptimizationParameters(Section):
     record_every: int = Field(200, ge=1, description="Steps between points of the curve; a killed run resumes there.")
 
 
-class TrainParameters(Section):
-    """All of the training."""
+class SamplingParameters(Section):
+    """From noise to grasps that a robot can try; every step can be switched off."""
+
+    sampler: Literal["ddim", "ancestral", "dpm"] = Field(
+        "dpm", description="Without noise, with noise on the way (paper), or second order (DPM-Solver++)."
+    )
+    steps: int = Field(20, ge=2, le=1000, description="Evaluations of the network per sample. Paper: 100.")
+    draws: int = Field(96, ge=1, le=100_000, description="Samples drawn per pair. Paper's code: 32, of which it uses 25.")
+    grasps: int = Field(40, ge=1, le=100_000, description="Accepted grasps wanted per pair.")
+    refine_iterations: int = Field(
+        20, ge=0, le=10_000, description="Steps down the grasp energy of both objects; 0: none. Paper: none."
+    )
+    refine_step: float = Field(0.0005, gt=0, le=0.1, description="First of these steps, m and rad.")
+    rank: bool = Field(True, description="Try grasps of low energy first; else in the order drawn. Paper: no ranking.")
+    check: bool = Field(True, description="Refuse what the checks of `merge` refuse. Paper: none.")
+    physics: bool = Field(True, description="Squeeze and hold in six gravities, as `merge` does. Paper: none.")
+
+
+class TrainingParameters(Section):
+    """Everything on which the trained model depends."""
 
     data: TrainDataParameters
     encoder: EncoderParameters
     denoiser: DenoiserParameters
     diffusion: DiffusionParameters
     optimization: OptimizationParameters
+
+
+class TrainParameters(TrainingParameters):
+    """The training, and the use of its result."""
+
+    sampling: SamplingParameters
