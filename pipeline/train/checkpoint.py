@@ -72,7 +72,9 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint, history: list[dict[st
         "pairs": [list(pair) for pair in checkpoint.pairs],
     }
     with whole_folder(folder) as temporary:
-        save_file({name: value.contiguous() for name, value in checkpoint.weights.items()}, temporary / "model.safetensors")
+        save_file(
+            {name: value.contiguous() for name, value in checkpoint.weights.items()}, temporary / "model.safetensors"
+        )
         write_json(temporary / "model.json", config)
         pd.DataFrame(history).to_csv(temporary / "history.csv", index=False, float_format="%.8g")
 

@@ -27,9 +27,7 @@ class Clouds:
         return len(self.points)
 
 
-def neighbourhoods(
-    points: NDArray[np.float64], centres: int, radius: float, count: int
-) -> NDArray[np.int64]:
+def neighbourhoods(points: NDArray[np.float64], centres: int, radius: float, count: int) -> NDArray[np.int64]:
     """Return (centres, count) indices of the nearest points (n, 3) within ``radius`` of the first ``centres`` ones.
 
     Where there are fewer, the centre itself (a neighbour of itself) fills up: it does not change a maximum.

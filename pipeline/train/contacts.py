@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.energy.scene import contact_shares, contact_slots, force_closure, torque_scale
 from pipeline.hand.allegro import Hand
 from pipeline.hand.kinematics import link_poses, points_on_links
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
 from pipeline.records.poses import transform_points
-from pipeline.synthesize.energy import contact_shares, contact_slots, torque_scale
-from pipeline.synthesize.scoring import force_closure
 from pipeline.train.distance_field import DistanceField
 
 TOUCHING = 0.006  # m; a finger that is farther from the object is not meant to hold it
@@ -40,9 +39,7 @@ class Contacts:
         )
 
 
-def choose_fingers(
-    nearest: dict[str, NDArray[np.float64]], sets: list[tuple[str, ...]]
-) -> list[tuple[str, ...]]:
+def choose_fingers(nearest: dict[str, NDArray[np.float64]], sets: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
     """Return the finger set (B,) of every grasp: the largest whose fingers all touch, else the nearest.
 
     Args:

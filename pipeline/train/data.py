@@ -37,9 +37,7 @@ class Examples:
         return np.array([[self.objects.index(name) for name in pair] for pair in self.pairs])
 
 
-def held_out_grasps(
-    table: pd.DataFrame, slot: int, share: float, seed: int
-) -> set[int]:
+def held_out_grasps(table: pd.DataFrame, slot: int, share: float, seed: int) -> set[int]:
     """Return the single grasps of one object in one slot, by id, that are kept from training: a share, at least one.
 
     The choice depends on the seed, the object and the slot, so it is the same in all tables of the object.

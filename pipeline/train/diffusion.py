@@ -87,7 +87,9 @@ def draw(
     times = torch.linspace(latest_time(settings), 0.0, steps + 1, device=device, dtype=torch.float64)
     signals, noises = signal_and_noise(settings, times)
     x = torch.randn(shape, generator=generator, device=device)
-    before: tuple[Tensor, Tensor] | None = None  # the x_0 of the step before, and that step's width in log(signal / noise)
+    before: tuple[Tensor, Tensor] | None = (
+        None  # the x_0 of the step before, and that step's width in log(signal / noise)
+    )
     for index in range(steps):
         a, s = signals[index].float(), noises[index].float()
         a_next, s_next = signals[index + 1].float(), noises[index + 1].float()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pipeline.hand.allegro import Hand
 from pipeline.hand.approach import EXTENDED_FINGER, choose_approach
 from pipeline.hand.moves import finger_joints, squeeze_joints
-from pipeline.merge.grasps import SingleGrasp
+from pipeline.pairing.grasps import SingleGrasp
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.records.poses import inverse_pose

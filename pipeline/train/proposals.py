@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from pipeline.compute.fan_out import fan_out
 from pipeline.compute.shared import Shared
 from pipeline.hand.allegro import load_hand
-from pipeline.merge.combination import Pair, try_combination
-from pipeline.merge.readiness import ready_pinch
+from pipeline.pairing.combination import Pair, try_combination
+from pipeline.pairing.readiness import ready_pinch
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
 from pipeline.records.parameters.train import SamplingParameters
@@ -110,9 +110,9 @@ def _check(shared: Shared[tuple[Pair, Scored]], index: int) -> dict[str, Any]:
 
 
 def quality(energy: PairEnergy, scored: Scored) -> dict[str, float]:
-    """Return figures of samples without physics, mm: overlap of hand and objects, distance of contacts, objects' overlap.
+    """Return figures of samples without physics, mm: overlap of hand and objects, distance of contacts.
 
-    Medians over samples; of the objects' overlap the largest.
+    Medians over samples; of the overlap of the objects the largest.
     """
     hand, grasps = load_hand(), scored.grasps
     depths = [

@@ -1,7 +1,7 @@
 """Samples moved a little so that they touch what they should and overlap nothing: the grasp energy of both objects.
 
 The state of a two-object grasp has 28 degrees of freedom: the hand's pose in the frame of either object (6 each, see
-``pipeline.synthesize.energy_kernel``) and the joints. Its energy is that of the pinch grasp of object 0, that of the
+``pipeline.energy.kernel``) and the joints. Its energy is that of the pinch grasp of object 0, that of the
 side grasp of object 1, and the overlap of the two objects. Steps go down the gradient, every degree of freedom scaled
 by the running root mean square of its own slope, and grow shorter; the best state is kept.
 """
@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pipeline.energy.scene import EnergyScene, Grasps
 from pipeline.hand.allegro import Hand, load_hand
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
 from pipeline.records.poses import inverse_pose, position_quaternion, transform_points
-from pipeline.synthesize.energy import EnergyScene, Grasps
 from pipeline.train.contacts import Contacts, choose_contacts
 from pipeline.train.distance_field import DistanceField
 from pipeline.train.representation import GraspBatch
@@ -150,7 +150,9 @@ class PairEnergy:
         for slot in (0, 1):
             begin = slot * POSE
             T[:, slot, :3, 3] += step[:, begin : begin + 3]
-            T[:, slot, :3, :3] = T[:, slot, :3, :3] @ Rotation.from_rotvec(step[:, begin + 3 : begin + POSE]).as_matrix()
+            T[:, slot, :3, :3] = (
+                T[:, slot, :3, :3] @ Rotation.from_rotvec(step[:, begin + 3 : begin + POSE]).as_matrix()
+            )
         q = np.clip(grasps.q + step[:, 2 * POSE :], self.hand.lower, self.hand.upper)
         return GraspBatch(inverse_pose(T), q)
 

@@ -10,7 +10,6 @@ point clouds in metres, and writes grasps.parquet, grasps.json and grasps.html.
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from pipeline.records import paths
@@ -86,7 +85,7 @@ def _accepted(table: Any) -> Any:
 
 
 def _task(parameters: dict[str, Any], objects: Any, points: Any, seed: int) -> Any:
-    from pipeline.merge.combination import Pair
+    from pipeline.pairing.combination import Pair
     from pipeline.train.proposals import Task
 
     return Task(
@@ -102,7 +101,9 @@ def _task(parameters: dict[str, Any], objects: Any, points: Any, seed: int) -> A
 def main(arguments: list[str] | None = None) -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(
-        prog="python -m pipeline.train.sample", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog="python -m pipeline.train.sample",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--object", help="the object that is picked first, a name in params.yaml")
     chosen = parser.parse_args(arguments)

@@ -6,9 +6,9 @@ import numpy as np
 
 from pipeline.hand.allegro import load_hand
 from pipeline.hand.approach import EXTENDED_FINGER
-from pipeline.merge.clearance import hand_object_clearance, holding_links, posed_hand
-from pipeline.merge.grasps import RING_JOINTS
-from pipeline.merge.settling import settle_pinch
+from pipeline.pairing.clearance import hand_object_clearance, holding_links, posed_hand
+from pipeline.pairing.grasps import RING_JOINTS
+from pipeline.pairing.settling import settle_pinch
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.poses import inverse_pose
 from tests.merge.constructed import box, pinch

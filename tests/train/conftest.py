@@ -26,9 +26,7 @@ FIRSTS, SECONDS = ("cube", "ball"), ("can", "slender")
 def settings() -> TrainingParameters:
     return TrainingParameters(
         data=TrainDataParameters(held_out=0.1),
-        encoder=EncoderParameters(
-            points=64, clouds=2, centres=[16, 8, 4], neighbours=[8, 8, 4], widths=[8, 8, 16]
-        ),
+        encoder=EncoderParameters(points=64, clouds=2, centres=[16, 8, 4], neighbours=[8, 8, 4], widths=[8, 8, 16]),
         denoiser=DenoiserParameters(width=32, blocks=2, slot_width=4),
         diffusion=DiffusionParameters(),
         optimization=OptimizationParameters(steps=12, batch=16, record_every=4),

@@ -22,7 +22,9 @@ def best_prediction(settings):
 
 
 @pytest.mark.parametrize(("objective", "schedule"), OBJECTIVES)
-@pytest.mark.parametrize(("sampler", "steps", "tolerance"), [("ddim", 50, 0.05), ("ancestral", 200, 0.03), ("dpm", 25, 0.05)])
+@pytest.mark.parametrize(
+    ("sampler", "steps", "tolerance"), [("ddim", 50, 0.05), ("ancestral", 200, 0.03), ("dpm", 25, 0.05)]
+)
 def test_samples_have_the_mean_and_spread_of_the_truth(objective, schedule, sampler, steps, tolerance):
     settings = DiffusionParameters(objective=objective, schedule=schedule)
     samples = draw(settings, best_prediction(settings), (20000, 1), sampler, steps, torch.Generator().manual_seed(0))

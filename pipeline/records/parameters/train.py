@@ -37,7 +37,10 @@ class EncoderParameters(Section):
 
     points: int = Field(512, ge=16, le=4096, description="Surface points that the model sees. Paper: 1024.")
     clouds: int = Field(
-        64, ge=1, le=1024, description="Stored draws of them per object; with 4 it learns the draws. Paper: one per example."
+        64,
+        ge=1,
+        le=1024,
+        description="Stored draws of them per object; 4 are learned by heart. Paper: one per example.",
     )
     centres: Level = Field([64, 32, 16], description="Paper: 128, 64, 32.")
     radii: Annotated[list[float], Field(min_length=3, max_length=3)] = Field(
@@ -99,7 +102,9 @@ class SamplingParameters(Section):
         "dpm", description="Without noise, with noise on the way (paper), or second order (DPM-Solver++)."
     )
     steps: int = Field(20, ge=2, le=1000, description="Evaluations of the network per sample. Paper: 100.")
-    draws: int = Field(96, ge=1, le=100_000, description="Samples drawn per pair. Paper's code: 32, of which it uses 25.")
+    draws: int = Field(
+        96, ge=1, le=100_000, description="Samples drawn per pair. Paper's code: 32, of which it uses 25."
+    )
     grasps: int = Field(40, ge=1, le=100_000, description="Accepted grasps wanted per pair.")
     refine_iterations: int = Field(
         20, ge=0, le=10_000, description="Steps down the grasp energy of both objects; 0: none. Paper: none."

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.hand.approach import EXTENDED_FINGER
-from pipeline.merge.grasps import RING_JOINTS, SingleGrasp
+from pipeline.pairing.grasps import RING_JOINTS, SingleGrasp
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.poses import inverse_pose

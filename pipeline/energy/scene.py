@@ -142,9 +142,9 @@ def warp() -> Any:
 
 @lru_cache(maxsize=4)
 def hand_arrays(device: str, point_count: int, with_mount: bool) -> Any:
-    """Return ``energy_kernel.HandArrays`` of the hand with ``point_count`` surface points."""
+    """Return ``kernel.HandArrays`` of the hand with ``point_count`` surface points."""
     wp = warp()
-    from pipeline.synthesize import energy_kernel as kernel
+    from pipeline.energy import kernel
 
     hand = load_hand()
     parts = hand_parts(hand)
@@ -207,9 +207,9 @@ def torque_scale(extents: NDArray[np.float64], scale: bool) -> float:
 
 
 def object_arrays(device: str, prepared: PreparedObject, energy: EnergyParameters, style: StyleParameters) -> Any:
-    """Return ``energy_kernel.ObjectArrays``; the object stands on a plane at its lowest z."""
+    """Return ``kernel.ObjectArrays``; the object stands on a plane at its lowest z."""
     wp = warp()
-    from pipeline.synthesize import energy_kernel as kernel
+    from pipeline.energy import kernel
 
     points = prepared.surface_points[: energy.object_points]
     blocks = block_order(points)
@@ -244,7 +244,7 @@ class EnergyScene:
         self, prepared: PreparedObject, energy: EnergyParameters, style: StyleParameters, device: str = "cpu"
     ) -> None:
         self.wp = warp()
-        from pipeline.synthesize import energy_kernel as kernel
+        from pipeline.energy import kernel
 
         self.kernel = kernel
         self.device = device
@@ -253,7 +253,7 @@ class EnergyScene:
         self.energy = energy
 
     def weights(self, table_factor: int = 1) -> Any:
-        """Return ``energy_kernel.Weights``; the gradient of the table term is multiplied by ``table_factor``."""
+        """Return ``kernel.Weights``; the gradient of the table term is multiplied by ``table_factor``."""
         weights = self.kernel.Weights()
         weights.force_closure = self.energy.weight_force_closure
         weights.distance = self.energy.weight_distance
@@ -270,7 +270,7 @@ class EnergyScene:
         self.wp.load_module(self.kernel, device=self.device)
 
     def states(self, grasps: Grasps) -> Any:
-        """Return ``energy_kernel.States`` holding a batch; energies and gradients are still zero."""
+        """Return ``kernel.States`` holding a batch; energies and gradients are still zero."""
         wp, count = self.wp, len(grasps)
         states = self.kernel.States()
         states.position = wp.array(grasps.position.astype(np.float32), dtype=wp.vec3, device=self.device)
@@ -305,7 +305,7 @@ class EnergyScene:
         )
 
     def evaluate(self, grasps: Grasps) -> tuple[Terms, NDArray[np.float64]]:
-        """Return terms and gradients (B, 22) of a batch; degrees of freedom as in ``energy_kernel``."""
+        """Return terms and gradients (B, 22) of a batch; degrees of freedom as in ``kernel``."""
         states = self.states(grasps)
         self.launch_evaluation(states, self.scratch(grasps), self.weights())
         return read_terms(states), states.gradient.numpy().astype(np.float64)
@@ -345,6 +345,18 @@ def contact_shares(hand: Hand, contacts: NDArray[np.int64], balance: bool) -> ND
     mine = np.where(opposing, opposing.sum(1, keepdims=True), (~opposing).sum(1, keepdims=True))
     both = opposing.any(1, keepdims=True) & (~opposing).any(1, keepdims=True)
     return np.where(both, 0.5 * count / mine, 1.0) if balance else np.ones(contacts.shape)
+
+
+def force_closure(
+    points: NDArray[np.float64], normals: NDArray[np.float64], shares: NDArray[np.float64], scale: float
+) -> NDArray[np.float64]:
+    """Return |sum of share (n; scale x cross n)|^2 (B,) of contacts (B, n, 3): differentiable force closure.
+
+    Source: the published energy, with a share per contact and torques scaled by the object's size.
+    """
+    forces = shares[..., None] * normals
+    wrench = np.concatenate([forces.sum(1), scale * np.cross(points, forces).sum(1)], axis=-1)
+    return (wrench**2).sum(-1)
 
 
 def contact_slots(
