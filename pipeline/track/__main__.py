@@ -14,12 +14,12 @@ from pipeline.records.running import run_stage
 from pipeline.records.writing import write_json
 
 LOCK_FILE = Path("dvc.lock")
-SOURCES = ("synthesized",)
+SOURCES = ("synthesized", "learned")
 
 
 def sections() -> list[str]:
     """Parameter sections that the stage declares: all, except ``compute``, on which no result depends."""
-    results = ["prepare", "synthesize", "physics", "validate", "merge", "evaluate", "report"]
+    results = ["prepare", "synthesize", "physics", "validate", "merge", "train", "evaluate", "report"]
     return ["scale", "seed", "styles", "objects", "meshes", *results, "track"]
 
 

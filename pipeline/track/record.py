@@ -67,7 +67,7 @@ def stage_metrics(stage: str, metrics: Mapping[str, float]) -> dict[str, float]:
     """
     kind, _, item = stage.partition("@")
     prefix = kind.replace("-", ".") + "."
-    if kind == "merge" or kind.startswith("evaluate-"):
+    if kind in ("merge", "sample") or kind.startswith("evaluate-"):
         return {key.removeprefix(prefix): v for key, v in metrics.items() if key.startswith(f"{prefix}{item}--")}
     if item:
         prefix += f"{item}."

@@ -27,13 +27,14 @@ def stray_outputs(parameters: Parameters) -> list[Path]:
     wanted = {Path("data/prepare"): [*parameters.objects, *parameters.meshes]}
     for stage in ("synthesize", "validate"):
         wanted |= {Path("data") / stage / style: names for style, names in styles.items()}
-    wanted[Path("data/merge")] = styles["pinch"]
+    for gathered in ("merge", "train"):
+        wanted[Path("data") / gathered] = styles["pinch"]
     wanted |= {folder: styles["pinch"] for folder in Path("data/evaluate").glob("*") if folder.is_dir()}
     return sorted(
         entry
         for folder, names in wanted.items()
         for entry in folder.glob("*")
-        if (entry.suffix == ".parquet" or folder.name in ("prepare", "merge"))
+        if (entry.suffix == ".parquet" or folder.name in ("prepare", "merge", "train"))
         and entry.name.removesuffix(".parquet") not in names
         if not entry.name.startswith(".")
     )

@@ -13,7 +13,7 @@ from tests.pipeline.declared import declared_stages, true_imports
 ROOT = Path(__file__).resolve().parents[2]
 STAGES = declared_stages(ROOT)
 ROOMS = sorted({stage.room for stage in STAGES})
-SHARED = {"compute", "hand", "motion", "physics", "pictures", "records"}
+SHARED = {"compute", "energy", "hand", "motion", "pairing", "physics", "pictures", "records"}
 
 each_stage = pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.name)
 each_room = pytest.mark.parametrize("room", ROOMS)
@@ -29,7 +29,7 @@ def files_of(room: str) -> list[Path]:
 
 @each_stage
 def test_code_dependencies_are_the_true_imports(stage):
-    imports = true_imports(ROOT, f"pipeline.{stage.room}.__main__")
+    imports = true_imports(ROOT, stage.module)
     declared = {entry for entry in stage.dependencies if entry.startswith("pipeline/")}
     needed = {str(path) if len(path.parts) == 2 else "/".join(path.parts[:2]) for path in imports}
     assert sorted(declared) == sorted(needed)

@@ -107,7 +107,7 @@ class SamplingParameters(Section):
     )
     grasps: int = Field(40, ge=1, le=100_000, description="Accepted grasps wanted per pair.")
     refine_iterations: int = Field(
-        20, ge=0, le=10_000, description="Steps down the grasp energy of both objects; 0: none. Paper: none."
+        40, ge=0, le=10_000, description="Steps down the grasp energy of both objects; 0: none. Paper: none."
     )
     refine_step: float = Field(0.0005, gt=0, le=0.1, description="First of these steps, m and rad.")
     rank: bool = Field(True, description="Try grasps of low energy first; else in the order drawn. Paper: no ranking.")
