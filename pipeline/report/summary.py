@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from pipeline.report.learned import Learned, learned_summary
 from pipeline.report.rates import Funnel, PairMerge, PairTrials, mean, ratio
 
 Value = float | int | str
@@ -19,11 +20,13 @@ def summarize(
     funnels: Sequence[Funnel],
     merges: Sequence[PairMerge],
     trials: dict[str, list[PairTrials]],
+    learned: Learned | None = None,
 ) -> dict[str, Value]:
     """Return the summary, sorted by key.
 
     Args:
         trials: per source of grasps, one entry per pair.
+        learned: of the model.
     """
     values: dict[str, Value] = {"scale": scale}
     for funnel in funnels:
@@ -37,6 +40,8 @@ def summarize(
     values["merge.min_per_pair"] = min((merge.accepted for merge in merges), default=0)
     for source, pairs in trials.items():
         values |= _of_source(source, pairs)
+    if learned:
+        values |= learned_summary(learned, trials["learned"])
     return {key: rounded(values[key]) for key in sorted(values)}
 
 
