@@ -72,9 +72,7 @@ def evaluate(source: str, first: str) -> None:
 def main() -> int:
     """Parse the command line and run the stage."""
     parser = argparse.ArgumentParser(prog="python -m pipeline.evaluate", description=__doc__)
-    parser.add_argument(
-        "--source", required=True, choices=sorted(SOURCES), help="where the two-object grasps come from"
-    )
+    parser.add_argument("--source", required=True, choices=sorted(SOURCES), help="where the grasps come from")
     parser.add_argument("--object", required=True, help="the object that is picked first, a name in params.yaml")
     arguments = parser.parse_args()
     return run_stage(

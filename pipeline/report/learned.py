@@ -148,10 +148,8 @@ def loss_curves(history: Sequence[Mapping[str, float]]) -> str:
         parts.append(f'<text x="{left - 8}" y="{y + 4:.1f}" text-anchor="end">{most * share:.3g}</text>')
     for index, name in enumerate(shown):
         colour = CATEGORY_COLOURS[(4, 0, 2)[index]]
-        points = " ".join(
-            f"{left + width * row['step'] / last_step:.1f},{top + height * (1 - row[name] / most):.1f}"
-            for row in history
-        )
+        places = [(left + width * row["step"] / last_step, top + height * (1 - row[name] / most)) for row in history]
+        points = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
         parts.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="2"/>')
         parts.append(f'<rect x="{left + 220 * index}" y="4" width="12" height="12" fill="{colour}"/>')
         parts.append(f'<text x="{left + 17 + 220 * index}" y="15">{escape(LOSSES[name])}</text>')

@@ -76,10 +76,13 @@ def choose_contacts(
     distance, gradient = field.look_up(points)
     distance = np.abs(distance)
     normals = gradient / np.maximum(np.linalg.norm(gradient, axis=-1, keepdims=True), 1e-9)
-    sets = [tuple(fingers) for fingers in style.finger_sets]
+    sets: list[tuple[str, ...]] = [tuple(fingers) for fingers in style.finger_sets]
     keys = ["+".join(fingers) for fingers in sets]
     own = np.array(hand.contact_finger)
-    nearest = {name: distance[:, own == name].min(1) for name in sorted({f for fingers in sets for f in fingers})}
+    used = sorted({finger for fingers in sets for finger in fingers})
+    nearest: dict[str, NDArray[np.float64]] = {name: distance[:, own == name].min(1) for name in used}
+        name: distance[:, own == name].min(1) for name in sorted({f for fingers in sets for f in fingers})
+    }
     fingers = choose_fingers(nearest, sets)
     scale = torque_scale(prepared.extents, energy.scale_torque)
     found: list[tuple[NDArray[np.int64], NDArray[np.float64], float]] = []

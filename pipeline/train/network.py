@@ -140,77 +140,77 @@ class MlpDenoiser(nn.Module):
         return self.end(h)
 
 
+class CrossAttention(nn.Module):
+    """One layer of the published transformer: cross-attention to the tokens, then a gated feed-forward (GEGLU)."""
+
+    def __init__(self, inner: int, context: int) -> None:
+        super().__init__()
+        self.heads = max(inner // HEAD, 1)
+        self.query_norm = nn.LayerNorm(inner)
+        self.query = nn.Linear(inner, inner, bias=False)
+        self.key = nn.Linear(context, inner, bias=False)
+        self.value = nn.Linear(context, inner, bias=False)
+        self.project = nn.Linear(inner, inner)
+        self.norm = nn.LayerNorm(inner)
+        self.widen = nn.Linear(inner, 4 * inner)  # twice the width, as values and as gates
+        self.narrow = nn.Linear(2 * inner, inner)
+
+    def split(self, values: Tensor) -> Tensor:
+        """(B, T, inner) to (B, heads, T, head)."""
+        return values.unflatten(-1, (self.heads, -1)).transpose(1, 2)
+
+    def forward(self, y: Tensor, keys: Tensor, values: Tensor) -> Tensor:
+        """Return y (B, inner) after one layer; keys and values (B, heads, T, head)."""
+        query = self.split(self.query(self.query_norm(y))[:, None])
+        y = y + self.project(functional.scaled_dot_product_attention(query, keys, values).flatten(1))
+        value, gate = self.widen(self.norm(y)).chunk(2, dim=-1)
+        return y + self.narrow(value * functional.gelu(gate))
+
+
+class AttentionBlock(nn.Module):
+    """A residual block with time, then two layers of cross-attention."""
+
+    def __init__(self, width: int, inner: int, context: int) -> None:
+        super().__init__()
+        self.first = nn.Sequential(nn.GroupNorm(_groups(width), width), nn.SiLU(), nn.Linear(width, width))
+        self.time = nn.Sequential(nn.SiLU(), nn.Linear(2 * width, width))
+        self.second = nn.Sequential(nn.GroupNorm(_groups(width), width), nn.SiLU(), nn.Linear(width, width))
+        self.begin, self.end = nn.Linear(width, inner), nn.Linear(inner, width)
+        self.layers = nn.ModuleList([CrossAttention(inner, context), CrossAttention(inner, context)])
+
+
 class AttentionDenoiser(nn.Module):
     """The published denoiser without its self-attention: residual blocks with time, cross-attention to all tokens."""
 
     def __init__(self, settings: DenoiserParameters, token_width: int) -> None:
         super().__init__()
-        width, self.inner, context = settings.width, 2 * settings.width, token_width + settings.slot_width
-        self.heads = max(self.inner // HEAD, 1)
+        width, context = settings.width, token_width + settings.slot_width
         self.time = TimeEmbedding(2 * width)
         self.begin = nn.Linear(DIMENSIONS, width)
-        self.blocks = nn.ModuleList()
-        for _ in range(settings.blocks):
-            block = nn.ModuleDict(
-                {
-                    "norm": nn.GroupNorm(_groups(width), width),
-                    "first": nn.Linear(width, width),
-                    "time": nn.Linear(2 * width, width),
-                    "second_norm": nn.GroupNorm(_groups(width), width),
-                    "second": nn.Linear(width, width),
-                    "into": nn.Linear(width, self.inner),
-                    "out": nn.Linear(self.inner, width),
-                    "layers": nn.ModuleList(self._layer(context) for _ in range(2)),
-                }
-            )
-            self.blocks.append(block)
+        self.blocks = nn.ModuleList([AttentionBlock(width, 2 * width, context) for _ in range(settings.blocks)])
         self.end = nn.Sequential(nn.GroupNorm(_groups(width), width), nn.SiLU(), nn.Linear(width, DIMENSIONS))
-
-    def _layer(self, context: int) -> nn.ModuleDict:
-        inner = self.inner
-        return nn.ModuleDict(
-            {
-                "query_norm": nn.LayerNorm(inner),
-                "query": nn.Linear(inner, inner, bias=False),
-                "key": nn.Linear(context, inner, bias=False),
-                "value": nn.Linear(context, inner, bias=False),
-                "project": nn.Linear(inner, inner),
-                "norm": nn.LayerNorm(inner),
-                "widen": nn.Linear(inner, 4 * inner),  # GEGLU with factor 2: values and gates
-                "narrow": nn.Linear(2 * inner, inner),
-            }
-        )
 
     def prepare(self, tokens: Sequence[Tensor]) -> Tensor:
         """Return keys and values (layers, 2, P, heads, 2 T, head) of P pairs, from tokens (P, T, f + slot_width)."""
         joined = torch.cat(list(tokens), dim=1)
-        found = []
-        for block in self.blocks:
-            for layer in block["layers"]:
-                found += [self._split(layer["key"](joined)), self._split(layer["value"](joined))]
-        return torch.stack(found).unflatten(0, (-1, 2))
-
-    def _split(self, values: Tensor) -> Tensor:
-        """(B, T, inner) to (B, heads, T, head)."""
-        return values.unflatten(-1, (self.heads, -1)).transpose(1, 2)
+        layers = [layer for block in self.blocks for layer in block.layers]  # type: ignore[union-attr]
+        return torch.stack(
+            [torch.stack([layer.split(layer.key(joined)), layer.split(layer.value(joined))]) for layer in layers]
+        )
 
     def forward(self, x: Tensor, time: Tensor, context: Tensor, pair: Tensor) -> Tensor:
         """Return predictions (B, 40); see :meth:`MlpDenoiser.forward`."""
-        embedded = functional.silu(self.time(time))
+        embedded = self.time(time)
         h = self.begin(x)
         prepared = iter(context)
         for block in self.blocks:
-            inside = block["first"](functional.silu(block["norm"](h))) + block["time"](embedded)
-            h = h + block["second"](functional.silu(block["second_norm"](inside)))
-            y = block["into"](h)
-            for layer in block["layers"]:
+            assert isinstance(block, AttentionBlock)
+            h = h + block.second(block.first(h) + block.time(embedded))
+            y = block.begin(h)
+            for layer in block.layers:
                 keys, values = next(prepared)
-                query = self._split(layer["query"](layer["query_norm"](y))[:, None])
-                found = functional.scaled_dot_product_attention(query, keys[pair], values[pair])
-                y = y + layer["project"](found.flatten(1))
-                value, gate = layer["widen"](layer["norm"](y)).chunk(2, dim=-1)
-                y = y + layer["narrow"](value * functional.gelu(gate))
-            h = h + block["out"](y)
+                y = layer(y, keys[pair], values[pair])
+            h = h + block.end(y)
         return self.end(h)
 
 

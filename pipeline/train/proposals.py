@@ -18,6 +18,7 @@ from pipeline.pairing.readiness import ready_pinch
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
 from pipeline.records.parameters.train import SamplingParameters
+from pipeline.records.poses import pose_matrix
 from pipeline.records.tables import MERGED
 from pipeline.train.checkpoint import Checkpoint
 from pipeline.train.execution import single_grasps
@@ -125,3 +126,16 @@ def quality(energy: PairEnergy, scored: Scored) -> dict[str, float]:
         "contact_distance_mm_median": 1000 * float(np.median(np.mean(contact, axis=0))),
         "object_overlap_mm_max": 1000 * float(scored.overlap.max()),
     }
+
+
+def in_frames_of_files(table: pd.DataFrame, centre0: NDArray[np.float64], centre1: NDArray[np.float64]) -> pd.DataFrame:
+    """Return a merged table with object frames whose origins lie at minus the centres (3,): the frames of files.
+
+    A point p of the file is p - centre in the object's frame; the axes are the same.
+    """
+    moved = table.copy()
+    for slot, centre in enumerate((centre0, centre1)):
+        position, quaternion = (np.stack(table[f"{name}_hand_object{slot}"]) for name in ("position", "quaternion"))
+        T = pose_matrix(position, quaternion)
+        moved[f"position_hand_object{slot}"] = list(T[:, :3, 3] - T[:, :3, :3] @ centre)
+    return moved

@@ -10,14 +10,14 @@ point clouds in metres, and writes grasps.parquet, grasps.json and grasps.html.
 from __future__ import annotations
 
 import argparse
+import sys
+from pathlib import Path
 from typing import Any
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.running import run_stage
-
-DEFAULT_OUTPUT = "grasps"
 
 
 def sections() -> list[str]:
@@ -89,13 +89,69 @@ def _task(parameters: dict[str, Any], objects: Any, points: Any, seed: int) -> A
     from pipeline.train.proposals import Task
 
     return Task(
-        pair=Pair(*objects, parameters["merge"], parameters["physics"], parameters["validate"]),
+        pair=Pair(objects[0], objects[1], parameters["merge"], parameters["physics"], parameters["validate"]),
         points=points,
         settings=parameters["train.sampling"],
         energy=parameters["synthesize.energy"],
         styles=(parameters["synthesize.pinch"], parameters["synthesize.side"]),
         seed=seed,
     )
+
+
+def sample_own(sources: tuple[Path, Path], count: int, output: Path) -> None:
+    """Draw ``count`` grasps of two objects of the user's own and write them, ranked, in the frames of their files.
+
+    Raises:
+        UserError: a file cannot be used, or there is no trained model.
+    """
+    parameters = load_parameters(sections())
+    workers = read_parameters().compute.workers
+
+    from time import perf_counter
+
+    from pipeline.records.tables import MERGED, write_table
+    from pipeline.records.writing import whole_file, write_json
+    from pipeline.train.checkpoint import read_checkpoint
+    from pipeline.train.own_objects import load_own_object
+    from pipeline.train.proposals import check_grasps, draw_grasps, in_frames_of_files, pair_energy
+    from pipeline.train.view import grasp_page
+
+    (first, points0, centre0), (second, points1, centre1) = (load_own_object(source) for source in sources)
+    checkpoint = read_checkpoint(paths.MODEL_FOLDER)
+    model = checkpoint.model()
+    settings = parameters["train.sampling"]
+    enough = {"grasps": count, "draws": max(settings.draws, 2 * count)}
+    parameters["train.sampling"] = settings.model_copy(update=enough)
+    task = _task(parameters, (first, second), (points0, points1), parameters["seed"])
+    energy = pair_energy(task)
+    energy.compile()
+    begin = perf_counter()
+    drawn = draw_grasps(checkpoint, model, task, energy)
+    ranked = perf_counter()
+    table = check_grasps(task, drawn, workers)
+    accepted = table[table["rejected_by"] == ""]
+    print(
+        f"{enough['draws']} samples drawn and ranked in {ranked - begin:.1f} s; {len(accepted)} accepted of "
+        f"{len(table)} checked in {perf_counter() - ranked:.1f} s"
+    )
+    if accepted.empty:
+        raise UserError(
+            f"none of {len(table)} samples passed the checks (first: {table['rejected_by'].iloc[0]}); try a larger -n, "
+            "or `train.sampling.check: false` in params.yaml to see them all the same."
+        )
+    rows = accepted.to_dict("records")
+    with whole_file(output / "grasps.html") as temporary:
+        temporary.write_text(grasp_page(rows, (first, second)), encoding="utf-8")
+    own_frames = in_frames_of_files(accepted, centre0, centre1)
+    write_table(output / "grasps.parquet", own_frames, MERGED)
+    own = [{name: plain(value) for name, value in row.items()} for row in own_frames.to_dict("records")]
+    write_json(output / "grasps.json", own)
+    print(f"wrote grasps.parquet, grasps.json and grasps.html to {output}")
+
+
+def plain(value: Any) -> Any:
+    """Return a cell of a table as JSON knows it."""
+    return value.tolist() if hasattr(value, "tolist") else value
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -106,8 +162,21 @@ def main(arguments: list[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--object", help="the object that is picked first, a name in params.yaml")
+    parser.add_argument("--object0", type=Path, help="file of the object that is pinched, metres, z up")
+    parser.add_argument("--object1", type=Path, help="file of the object that ring finger and palm hold")
+    parser.add_argument("-n", type=int, default=25, help="grasps wanted (default: %(default)s)")
+    parser.add_argument("--output", type=Path, default=Path("grasps"), help="folder to write to (default: %(default)s)")
     chosen = parser.parse_args(arguments)
-    return run_stage(f"sample@{chosen.object}", lambda: sample_pairs(chosen.object))
+    if chosen.object:
+        return run_stage(f"sample@{chosen.object}", lambda: sample_pairs(chosen.object))
+    if not (chosen.object0 and chosen.object1) or chosen.n < 1:
+        parser.error("give --object NAME, or --object0 FILE and --object1 FILE, and -n of at least 1")
+    try:
+        sample_own((chosen.object0, chosen.object1), chosen.n, chosen.output)
+    except UserError as error:
+        print(f"sample: {error}", file=sys.stderr)
+        return 2
+    return 0
 
 
 if __name__ == "__main__":
