@@ -81,8 +81,6 @@ def choose_contacts(
     own = np.array(hand.contact_finger)
     used = sorted({finger for fingers in sets for finger in fingers})
     nearest: dict[str, NDArray[np.float64]] = {name: distance[:, own == name].min(1) for name in used}
-        name: distance[:, own == name].min(1) for name in sorted({f for fingers in sets for f in fingers})
-    }
     fingers = choose_fingers(nearest, sets)
     scale = torque_scale(prepared.extents, energy.scale_torque)
     found: list[tuple[NDArray[np.int64], NDArray[np.float64], float]] = []
