@@ -47,12 +47,16 @@ def load_own_object(source: Path) -> tuple[PreparedObject, NDArray[np.float64], 
     if mesh is None or not mesh.is_watertight:
         if mesh is not None:
             print(f"{source} is not closed: its convex hull stands for it.", file=sys.stderr)
+        from scipy.spatial import QhullError
+
         try:
             solid = trimesh.convex.convex_hull(points)
-        except Exception as error:  # qhull's own errors
+        except QhullError as error:
             raise UserError(f"{source} is flat; give points all around the object.") from error
     else:
         solid = mesh
+    if not abs(solid.volume) > 1e-9:
+        raise UserError(f"{source} is flat; give points all around the object.")
     if solid.volume < 0:
         solid.invert()
     centre = np.asarray(solid.center_mass, np.float64)
