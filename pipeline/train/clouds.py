@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from pipeline.hand.surface import farthest_points
 from pipeline.records.parameters.train import EncoderParameters
 
+SPARE = 2  # times as many points are drawn as are kept
+
 
 @dataclass(frozen=True)
 class Clouds:
@@ -42,13 +44,12 @@ def neighbourhoods(points: NDArray[np.float64], centres: int, radius: float, cou
 def prepare_cloud(points: NDArray[np.float64], settings: EncoderParameters, rng: np.random.Generator) -> Clouds:
     """Return one draw of ``settings.points`` of the surface points (m, 3) with its neighbourhoods.
 
-    A cloud with fewer points is filled up with repetitions.
+    Farthest-point samples of a random part of them: such draws cover the surface evenly, so that they resemble each
+    other. A cloud with too few points is filled up with repetitions.
     """
     enough = np.concatenate([rng.permutation(len(points)) for _ in range(-(-settings.points // len(points)))])
-    drawn = points[enough[: settings.points]]
-    first = farthest_points(drawn, settings.centres[0])
-    rest = np.setdiff1d(np.arange(len(drawn)), first)
-    ordered = drawn[np.concatenate([first, rest])[: len(drawn)]]
+    part = points[enough[: max(settings.points, min(SPARE * settings.points, len(points)))]]
+    ordered = part[farthest_points(part, settings.points)]
     level, found = ordered, []
     for centres, radius, count in zip(settings.centres, settings.radii, settings.neighbours, strict=True):
         found.append(neighbourhoods(level, centres, radius, count)[None])

@@ -13,6 +13,8 @@ from pipeline.train.diffusion import draw
 from pipeline.train.network import GraspModel, cloud_tensors
 from pipeline.train.representation import GraspBatch, from_vectors, joint_violation
 
+CLOUDS = 8  # draws of each object's points, shared among the samples: no sample set hangs on one unlucky draw
+
 
 def sample_grasps(
     checkpoint: Checkpoint,
@@ -29,11 +31,13 @@ def sample_grasps(
         points: surface points (m, 3) of object 0 and object 1, object frame.
     """
     rng = np.random.default_rng(seed)
+    clouds_each = min(CLOUDS, count)
     device = next(model.parameters()).device
-    clouds = cloud_tensors(stack([prepare_cloud(own, checkpoint.encoder, rng) for own in points]), device)
+    drawn = [prepare_cloud(own, checkpoint.encoder, rng) for own in points for _ in range(clouds_each)]
+    pairs = torch.arange(clouds_each, device=device)[:, None] + torch.tensor([0, clouds_each], device=device)
     with torch.no_grad():
-        context = model.context(clouds, torch.tensor([[0, 1]], device=device))
-        pair = torch.zeros(count, dtype=torch.long, device=device)
+        context = model.context(cloud_tensors(stack(drawn), device), pairs)
+        pair = torch.arange(count, device=device) % clouds_each
         generator = torch.Generator(device).manual_seed(seed)
         normal = draw(
             checkpoint.diffusion,
