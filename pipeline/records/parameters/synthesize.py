@@ -20,7 +20,7 @@ class EnergyParameters(Section):
     weight_self_penetration: float = Field(30.0, ge=0, description="Per metre. Paper: 30.")
     weight_joints: float = Field(1.0, ge=0, description="Per radian. Paper: 1.")
     weight_offset: float = Field(
-        200.0,
+        300.0,
         ge=0,
         description="Per square metre, on the squared distance of the middle of the contacts (each with its share of the "
         "force) from the centre of mass: gravity turns an object that is held beside it. Paper: 0.",
