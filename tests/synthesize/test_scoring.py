@@ -75,7 +75,7 @@ def test_torques_are_measured_in_half_middle_extents():
 
 
 def terms(**values: float) -> Terms:
-    names = ("energy", "force_closure", "distance", "penetration", "table", "self_penetration", "joints")
+    names = ("energy", "force_closure", "distance", "penetration", "table", "self_penetration", "joints", "offset")
     return Terms(**{name: np.array([values.get(name, 0.0)]) for name in names})
 
 

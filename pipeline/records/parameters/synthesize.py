@@ -22,8 +22,8 @@ class EnergyParameters(Section):
     weight_offset: float = Field(
         300.0,
         ge=0,
-        description="Per square metre, on the squared distance of the middle of the contacts (each with its share of the "
-        "force) from the centre of mass: gravity turns an object that is held beside it. Paper: 0.",
+        description="Per square metre, on the squared distance of the middle of the contacts, each with its share of "
+        "the force, from the centre of mass: gravity turns an object that is held beside it. Paper: 0.",
     )
     object_points: int = Field(2000, ge=100, le=4096, description="Object surface points of E_pen. Paper: 2000.")
     hand_points: int = Field(1000, ge=100, le=4000, description="Hand surface points of E_table, E_spen. Paper: 1000.")
