@@ -96,6 +96,12 @@ def test_first_failed_check_is_named(values, reason):
     assert first_failures(terms(**values), EnergyParameters()).tolist() == [reason]
 
 
+def test_terms_without_a_limit_are_not_filtered_unless_they_are_no_number():
+    energy = EnergyParameters(limit_joints=None, limit_self_penetration=None)
+    assert first_failures(terms(joints=3.0, self_penetration=3.0), energy)[0] == ""
+    assert first_failures(terms(joints=float("nan")), energy)[0] == "joints"
+
+
 def test_a_term_that_is_not_a_number_fails():
     assert first_failures(terms(force_closure=float("nan")), EnergyParameters())[0] == "force_closure"
 
