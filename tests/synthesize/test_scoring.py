@@ -75,7 +75,7 @@ def test_torques_are_measured_in_half_middle_extents():
 
 
 def terms(**values: float) -> Terms:
-    names = ("energy", "force_closure", "distance", "penetration", "table", "self_penetration", "joints")
+    names = ("energy", "force_closure", "distance", "penetration", "table", "self_penetration", "joints", "offset")
     return Terms(**{name: np.array([values.get(name, 0.0)]) for name in names})
 
 
@@ -94,6 +94,12 @@ def terms(**values: float) -> Terms:
 )
 def test_first_failed_check_is_named(values, reason):
     assert first_failures(terms(**values), EnergyParameters()).tolist() == [reason]
+
+
+def test_terms_without_a_limit_are_not_filtered_unless_they_are_no_number():
+    energy = EnergyParameters(limit_joints=None, limit_self_penetration=None)
+    assert first_failures(terms(joints=3.0, self_penetration=3.0), energy)[0] == ""
+    assert first_failures(terms(joints=float("nan")), energy)[0] == "joints"
 
 
 def test_a_term_that_is_not_a_number_fails():

@@ -20,10 +20,10 @@ class EnergyParameters(Section):
     weight_self_penetration: float = Field(30.0, ge=0, description="Per metre. Paper: 30.")
     weight_joints: float = Field(1.0, ge=0, description="Per radian. Paper: 1.")
     weight_offset: float = Field(
-        200.0,
+        300.0,
         ge=0,
-        description="Per square metre, on the squared distance of the middle of the contacts (each with its share of the "
-        "force) from the centre of mass: gravity turns an object that is held beside it. Paper: 0.",
+        description="Per square metre, on the squared distance of the middle of the contacts, each with its share of "
+        "the force, from the centre of mass: gravity turns an object that is held beside it. Paper: 0.",
     )
     object_points: int = Field(2000, ge=100, le=4096, description="Object surface points of E_pen. Paper: 2000.")
     hand_points: int = Field(1000, ge=100, le=4000, description="Hand surface points of E_table, E_spen. Paper: 1000.")
