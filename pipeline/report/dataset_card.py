@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -16,6 +18,7 @@ from pipeline.report.rates import Funnel, PairMerge, ratio
 from pipeline.report.settings import Row
 
 # The sections of params.yaml on which data/merge depends.
+WIDTH = 118  # of prose
 DATA_SECTIONS = ("run", "styles", "objects", "meshes", "prepare", "synthesize", "physics", "validate", "merge")
 
 EXAMPLE = """from pathlib import Path
@@ -67,12 +70,28 @@ def dataset_card(content: CardContent) -> str:
         _columns(content.columns),
         _provenance(content),
     ]
-    return "\n".join(parts)
+    return "\n\n".join(_wrapped(part).strip() for part in parts) + "\n"
+
+
+def _wrapped(markdown: str) -> str:
+    """Break the lines of prose anew; headings, tables and code stay."""
+    blocks = re.split(r"(```.*?```)", markdown, flags=re.DOTALL)
+    for index in range(0, len(blocks), 2):
+        paragraphs = blocks[index].split("\n\n")
+        wrapped = [text if text.lstrip().startswith(("|", "#")) else _filled(text) for text in paragraphs]
+        blocks[index] = "\n\n".join(wrapped)
+    return "".join(blocks)
+
+
+def _filled(text: str) -> str:
+    end = "\n" if text.endswith("\n") else ""
+    begin = "\n" if text.startswith("\n") else ""
+    return begin + textwrap.fill(" ".join(text.split()), WIDTH, break_long_words=False, break_on_hyphens=False) + end
 
 
 def _table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
-    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines) + "\n"
+    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
 
 
 def _text_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -118,9 +137,11 @@ def _counts(merges: Sequence[PairMerge]) -> str:
     return f"""## Grasps per pair
 
 {_grid(merges, accepted)}
+
 Share of the tried combinations that were accepted:
 
-{_grid(merges, rates)}"""
+{_grid(merges, rates)}
+"""
 
 
 def _singles(funnels: Sequence[Funnel], used: Sequence[UsedGrasps]) -> str:
@@ -153,7 +174,8 @@ the object's compass in which the hand is found. *Elevation*: of the straight li
 horizontal, 10th, 50th and 90th percentile. *Joint spread*: standard deviation over the grasps, mean over the joints
 of the holding fingers.
 
-{_table(header, rows)}"""
+{_table(header, rows)}
+"""
 
 
 def _checks(funnels: Sequence[Funnel], merges: Sequence[PairMerge]) -> str:
@@ -169,7 +191,7 @@ def _checks(funnels: Sequence[Funnel], merges: Sequence[PairMerge]) -> str:
     accepted = sum(merge.accepted for merge in merges)
     title = f"`merge`: {tried} combinations tried, {_percent(ratio(accepted, tried))} accepted."
     sections.append(title + "\n\n" + _shares(_summed(merge.rejected for merge in merges), tried, MERGE))
-    return "## Checks\n\nEvery row counts for the check that it failed first.\n\n" + "\n".join(sections)
+    return "## Checks\n\nEvery row counts for the check that it failed first.\n\n" + "\n\n".join(sections) + "\n"
 
 
 def _summed(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
@@ -211,11 +233,12 @@ merged grasps of the pair: the larger one of the distances of their halves. *Mos
 share one single grasp. *Headings*: sectors of 30 degrees, out of {SECTORS}, in which the hand is seen from the
 first and from the second object.
 
-{_table(header, rows)}"""
+{_table(header, rows)}
+"""
 
 
 def _columns(schema: pa.Schema) -> str:
-    rows = [[f"`{field.name}`", f"`{field.type}`", description_of(field)] for field in schema]
+    rows = [[f"`{field.name}`", f"`{type_name(field.type)}`", description_of(field)] for field in schema]
     return f"""## Columns
 
 The hand frame is the Allegro's `base_link`: palm normal +x, fingers +z, index finger on the side of +y. The frame
@@ -223,7 +246,15 @@ of an object has its origin at the centre of mass and z up when the object stand
 radians. Columns of checks that were not reached are empty. The same descriptions are in the files:
 `pyarrow.parquet.read_schema(file).field(name).metadata`.
 
-{_text_table(["column", "type", "meaning"], rows)}"""
+{_text_table(["column", "type", "meaning"], rows)}
+"""
+
+
+def type_name(kind: pa.DataType) -> str:
+    """Return a column's type in short: ``double[16]`` for vectors of 16, ``double[]`` for lists."""
+    if pa.types.is_fixed_size_list(kind):
+        return f"{type_name(kind.value_type)}[{kind.list_size}]"
+    return f"{type_name(kind.value_type)}[]" if pa.types.is_list(kind) else str(kind)
 
 
 def description_of(field: pa.Field) -> str:
@@ -256,6 +287,7 @@ Scale `{content.scale}`, seed {content.seed}, parameters `{parameters_digest(con
 values, first 16 digits; `params.yaml` has them, `dvc.lock` the hashes of every file). Packages: {versions}.
 
 {_text_table(["object", "source", "licence", "size (mm)", "mass (g)"], objects)}
+
 Recipes and tables are this project's own work under the [MIT licence](../LICENSE). What is derived from scans of
 the YCB object and model set is passed on under CC BY 4.0 with the credit in [NOTICE](../NOTICE), which also names
 the authors and licences of the descriptions of the hand (BSD 2-Clause) and the arm (Apache 2.0). Meshes of your own

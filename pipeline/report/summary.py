@@ -36,7 +36,9 @@ def summarize(
     values["validate.validated"] = sum(funnel.validated for funnel in funnels)
     for merge in merges:
         values |= _of_merge(merge)
-    values["merge.grasps"] = sum(merge.accepted for merge in merges)
+    accepted = sum(merge.accepted for merge in merges)
+    values["merge.grasps"] = accepted
+    values["merge.acceptance_rate"] = ratio(accepted, sum(merge.tried for merge in merges))
     values["merge.min_per_pair"] = min((merge.accepted for merge in merges), default=0)
     for source, pairs in trials.items():
         values |= _of_source(source, pairs)

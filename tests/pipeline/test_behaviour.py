@@ -109,6 +109,16 @@ def test_headline_figures_are_in_the_summary(finished):
     assert finished.recorded_runs() >= 2  # a parent run and its stages
 
 
+def test_the_example_of_the_data_card_runs(finished):
+    card = (finished / "reports/dataset.md").read_text()
+    (example,) = re.findall(r"```python\n(.*?)```", card, flags=re.DOTALL)
+    done = finished.command(sys.executable, "-c", example)
+    assert done.returncode == 0, done.stderr
+    accepted = json.loads((finished / "reports/summary.json").read_text())["merge.grasps"]
+    assert f"{accepted} two-object grasps of 1 pairs" in card
+    assert re.search(rf"^cube +{accepted}$", done.stdout, re.MULTILINE), done.stdout
+
+
 # --- changes
 
 

@@ -37,7 +37,7 @@ class EncoderParameters(Section):
 
     points: int = Field(512, ge=16, le=4096, description="Surface points that the model sees. Paper: 1024.")
     clouds: int = Field(
-        64,
+        128,
         ge=1,
         le=1024,
         description="Stored draws of them per object; 4 are learned by heart. Paper: one per example.",
