@@ -156,7 +156,8 @@ def train(
             loss = loss_of(model, source.batch(step), pairs, settings)
             optimizer.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
-            torch.nn.utils.clip_grad_norm_(model.parameters(), optimization.gradient_clip)
+            if optimization.gradient_clip is not None:
+                torch.nn.utils.clip_grad_norm_(model.parameters(), optimization.gradient_clip)
             optimizer.step()
             # Early on the average follows quickly, or it would remember the random start.
             decay = min(optimization.ema_decay, (step + 1) / (step + 10))

@@ -90,7 +90,7 @@ class OptimizationParameters(Section):
     learning_rate: float = Field(1e-3, gt=0, le=0.1, description="At the start. Paper: 3e-4.")
     last_learning_rate: float = Field(1e-5, gt=0, le=0.1, description="At the end of a cosine. Paper: 1e-5.")
     weight_decay: float = Field(0.01, ge=0, le=1, description="Paper's code: 0.01, AdamW's own.")
-    gradient_clip: float = Field(1.0, gt=0, description="Largest norm of a gradient. Paper's code: none.")
+    gradient_clip: float | None = Field(1.0, gt=0, description="Largest norm of a gradient. Paper's code: none.")
     ema_decay: float = Field(0.998, ge=0, lt=1, description="Memory of the averaged weights. Paper's code: none.")
     record_every: int = Field(200, ge=1, description="Steps between points of the curve; a killed run resumes there.")
 
