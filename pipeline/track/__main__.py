@@ -60,6 +60,22 @@ def read_lock() -> dict[str, Any]:
     return content
 
 
+def read_curve() -> list[dict[str, float]]:
+    """Read the losses on the way of the training.
+
+    Raises:
+        UserError: the file is missing or damaged.
+    """
+    import csv
+
+    source = paths.MODEL_FOLDER / "history.csv"
+    try:
+        with source.open(newline="") as lines:
+            return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(lines)]
+    except (OSError, ValueError, TypeError) as error:
+        raise UserError(f"{source} is missing or damaged; run `dvc repro train` to make it again.") from error
+
+
 def plain(value: Any) -> Any:
     """Return typed parameters as plain data."""
     if hasattr(value, "model_dump"):
@@ -80,7 +96,8 @@ def work() -> None:
     summary = read_json(paths.SUMMARY_FILE, "report")
     names = stage_names(parameters["styles"], parameters["objects"], parameters["meshes"], SOURCES)
     durations = read_json(paths.DURATIONS_FILE, "report") if paths.DURATIONS_FILE.exists() else {}
-    record = build_record(summary, flatten(parameters), locked_stages(read_lock(), names), durations)
+    curves = {"train": read_curve()}
+    record = build_record(summary, flatten(parameters), locked_stages(read_lock(), names), durations, curves)
     pages = [paths.REPORT_PAGE, paths.SUMMARY_FILE]
     new = write_record(
         Path.cwd(),

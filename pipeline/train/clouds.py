@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from pipeline.hand.surface import farthest_points
 from pipeline.records.parameters.train import EncoderParameters
 
-SPARE = 2  # times as many points are drawn as are kept
-
 
 @dataclass(frozen=True)
 class Clouds:
@@ -41,15 +39,27 @@ def neighbourhoods(points: NDArray[np.float64], centres: int, radius: float, cou
     return np.pad(found, ((0, 0), (0, count - found.shape[1])), mode="edge")
 
 
-def prepare_cloud(points: NDArray[np.float64], settings: EncoderParameters, rng: np.random.Generator) -> Clouds:
+def prepare_cloud(
+    points: NDArray[np.float64], settings: EncoderParameters, rng: np.random.Generator, even: bool = False
+) -> Clouds:
     """Return one draw of ``settings.points`` of the surface points (m, 3) with its neighbourhoods.
 
-    Farthest-point samples of a random part of them: such draws cover the surface evenly, so that they resemble each
-    other. A cloud with too few points is filled up with repetitions.
+    A cloud with too few points is filled up with repetitions.
+
+    Args:
+        even: take farthest-point samples of twice as many random points, which cover the surface evenly, so that draws
+            resemble each other. Good to sample with; to learn from, draws that differ more are better (measured).
     """
-    enough = np.concatenate([rng.permutation(len(points)) for _ in range(-(-settings.points // len(points)))])
-    part = points[enough[: max(settings.points, min(SPARE * settings.points, len(points)))]]
-    ordered = part[farthest_points(part, settings.points)]
+    count = settings.points
+    enough = np.concatenate([rng.permutation(len(points)) for _ in range(-(-count // len(points)))])
+    if even:
+        part = points[enough[: max(count, min(2 * count, len(points)))]]
+        ordered = part[farthest_points(part, count)]
+    else:
+        part = points[enough[:count]]
+        first = farthest_points(part, settings.centres[0])
+        rest = np.setdiff1d(np.arange(count), first)
+        ordered = part[np.concatenate([first, rest])[:count]]
     level, found = ordered, []
     for centres, radius, count in zip(settings.centres, settings.radii, settings.neighbours, strict=True):
         found.append(neighbourhoods(level, centres, radius, count)[None])

@@ -33,7 +33,7 @@ def sample_grasps(
     rng = np.random.default_rng(seed)
     clouds_each = min(CLOUDS, count)
     device = next(model.parameters()).device
-    drawn = [prepare_cloud(own, checkpoint.encoder, rng) for own in points for _ in range(clouds_each)]
+    drawn = [prepare_cloud(own, checkpoint.encoder, rng, even=True) for own in points for _ in range(clouds_each)]
     pairs = torch.arange(clouds_each, device=device)[:, None] + torch.tensor([0, clouds_each], device=device)
     with torch.no_grad():
         context = model.context(cloud_tensors(stack(drawn), device), pairs)

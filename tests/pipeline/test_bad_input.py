@@ -76,7 +76,9 @@ def test_a_value_out_of_range_is_named(sandbox, room):
     assert_one_sentence(run(sandbox, room, *COMMANDS[room]), "physics.object_friction", "greater than or equal to 0")
 
 
-@pytest.mark.parametrize("room", ["synthesize", "validate", "merge", "train", "train.sample", "evaluate", "report", "track"])
+@pytest.mark.parametrize(
+    "room", ["synthesize", "validate", "merge", "train", "train.sample", "evaluate", "report", "track"]
+)
 def test_missing_inputs_are_named_with_the_command_that_makes_them(sandbox, room):
     done = run(sandbox, room, *COMMANDS[room])
     assert_one_sentence(done, "is missing", "dvc repro")

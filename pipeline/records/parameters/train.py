@@ -25,7 +25,7 @@ class TrainDataParameters(Section):
     )
     normalise: bool = Field(True, description="Zero mean and unit variance per dimension. Paper's code: off.")
     cloud_noise: float = Field(
-        0.0005, ge=0, le=0.01, description="Standard deviation of noise on the points, m. Paper's code: none."
+        0.001, ge=0, le=0.01, description="Standard deviation of noise on the points, m. Paper's code: none."
     )
     yaw_augmentation: bool = Field(
         False, description="Turn object frames about z at random. Paper's code: off, and wrong if switched on."
@@ -37,7 +37,7 @@ class EncoderParameters(Section):
 
     points: int = Field(512, ge=16, le=4096, description="Surface points that the model sees. Paper: 1024.")
     clouds: int = Field(
-        128,
+        256,
         ge=1,
         le=1024,
         description="Stored draws of them per object; 4 are learned by heart. Paper: one per example.",
