@@ -37,6 +37,7 @@ from pipeline.train.diffusion import signal_and_noise, target
 from pipeline.train.network import CloudTensors, GraspModel, cloud_tensors
 from pipeline.train.representation import GraspBatch, fit_normalisation, to_vectors, turn_objects
 
+FEW = 4  # draws per object that the network is calibrated with
 VALIDATION_DRAWS = 8  # noises per held-out example; always the same ones, so that points of the curve compare
 
 
@@ -92,6 +93,12 @@ class Source:
             clouds=clouds,
         )
 
+    def first_clouds(self, device: str) -> CloudTensors:
+        """Return some draws of every object's cloud."""
+        draws = self.settings.encoder.clouds
+        index = [item * draws + draw for item in range(len(self.examples.objects)) for draw in range(min(draws, FEW))]
+        return self.clouds.chosen(torch.tensor(index)).to(device)
+
     def validation(self) -> list[Batch]:
         """Return fixed batches that hold every row of the split the same number of times, with times shuffled."""
         if not len(self.rows):
@@ -111,7 +118,7 @@ def _turn_clouds(clouds: CloudTensors, angles: NDArray[np.float64]) -> CloudTens
 def loss_of(model: GraspModel, batch: Batch, pairs: Tensor, settings: TrainingParameters) -> Tensor:
     """Return the mean squared error of the prediction, over batch and dimensions."""
     device = pairs.device
-    clouds = CloudTensors(batch.clouds.points.to(device), tuple(level.to(device) for level in batch.clouds.neighbours))
+    clouds = batch.clouds.to(device)
     clean, eps, time, pair = (value.to(device) for value in (batch.clean, batch.eps, batch.time, batch.pair))
     signal, noise = signal_and_noise(settings.diffusion, time)
     noisy = signal[:, None] * clean + noise[:, None] * eps
@@ -143,6 +150,7 @@ def train(
         }
         torch.manual_seed(item_seed(seed, "train", "weights"))
         model = GraspModel(settings.encoder, settings.denoiser).to(optimization.device)
+        model.calibrate(source.first_clouds(optimization.device))
         average = copy.deepcopy(model).eval().requires_grad_(False)
         optimizer = torch.optim.AdamW(model.parameters(), weight_decay=optimization.weight_decay)
         pairs = source.pairs.to(optimization.device)

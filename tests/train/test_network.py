@@ -4,7 +4,7 @@ import torch
 
 from pipeline.records.parameters.train import DenoiserParameters
 from pipeline.train.clouds import prepare_cloud, stack
-from pipeline.train.network import Encoder, GraspModel, cloud_tensors
+from pipeline.train.network import WAVE_NUMBERS, Encoder, GraspModel, cloud_tensors
 
 KINDS = ("mlp", "attention")
 
@@ -33,7 +33,8 @@ def test_encoder_is_the_maximum_over_neighbourhoods_of_a_small_network(settings,
         tokens = encoder(clouds)
         for cloud in (0, 3):
             position = clouds.points[cloud]
-            feature = position / 0.05
+            waves = [wave * position[:, axis] for axis in range(3) for wave in WAVE_NUMBERS]
+            feature = torch.stack([f(wave) for f in (torch.sin, torch.cos) for wave in waves], dim=-1)
             for level, network in enumerate(encoder.levels):
                 radius = settings.encoder.radii[level]
                 new = []
@@ -78,3 +79,15 @@ def test_every_weight_is_used(settings, clouds, kind):
     model(torch.randn(6, 40), torch.rand(6), context, torch.tensor([0, 1, 0, 1, 0, 1])).square().sum().backward()
     unused = [name for name, value in model.named_parameters() if value.grad is None or not value.grad.any()]
     assert unused == []
+
+
+def test_calibration_makes_features_of_objects_differ_by_their_spread(settings, clouds):
+    model = model_of(settings, "mlp")
+    model.calibrate(clouds)
+    denoiser = model.denoiser
+    with torch.no_grad():
+        features = (denoiser.pool(model.encoder(clouds)) - denoiser.mean) / denoiser.spread
+    torch.testing.assert_close(features.mean(0), torch.zeros(features.shape[1]), atol=1e-4, rtol=0)
+    used = denoiser.spread > 0.0101
+    assert used.any()
+    torch.testing.assert_close(features.std(0, correction=0)[used], torch.ones(int(used.sum())), atol=1e-3, rtol=0)
