@@ -21,7 +21,8 @@ NAMING_PAGES = ("README.md", "data/raw/README.md", "docs/departures.md")  # metr
 STAGES = declared_stages(ROOT)
 # Made by `./dev`, by `track`, or by a user; words that are no names of this project.
 MADE_ELSEWHERE = {".venv", "dvc.lock", "mlflow.db", "data/raw/mug.stl"}
-WORDS = {*FILE_FORMATS, "code", "trimesh", "mug", "m", "+z", "dvc-s3", "--force", "PIP_EXTRA_INDEX_URL"}
+WORDS = {*FILE_FORMATS, "code", "trimesh", "npy", "mug", "m", "+z", "dvc-s3", "--force", "PIP_EXTRA_INDEX_URL"}
+TOOLS = {"pipeline.train.sample --object0 FILE --object1 FILE -n 25"}  # tests/train/test_command.py runs it
 
 each_page = pytest.mark.parametrize("page", PAGES)
 
@@ -64,7 +65,8 @@ def with_folders(files: set[str]) -> set[str]:
 
 def names() -> set[str]:
     """Parameters by every ending of their dotted name, columns of tables, checks, and stages."""
-    found = {stage.name for stage in STAGES} | {stage.room for stage in STAGES}
+    found = {stage.name for stage in STAGES} | {stage.room for stage in STAGES} | set(choices("preset"))
+    found |= {stage.name.partition("@")[0] for stage in STAGES}
     found |= set(MeshParameters.model_fields) | set(ObjectParameters.model_fields)
     for parameter in flatten(yaml.safe_load(text_of("params.yaml"))):
         parts = parameter.split(".")
@@ -99,8 +101,9 @@ def test_every_python_command_exists(command):
         assert (ROOT / first).is_file()
         return
     module, *options = rest
-    assert find_spec(f"{module}.__main__") or find_spec(module)
-    runs = {" ".join(stage.command.split()[2:]) for stage in STAGES}
+    found = find_spec(module)
+    assert found and (not found.submodule_search_locations or find_spec(f"{module}.__main__"))
+    runs = {" ".join(stage.command.split()[2:]) for stage in STAGES} | TOOLS
     assert options == ["--help"] or " ".join(rest) in runs
 
 
