@@ -83,6 +83,7 @@ def pick_from_support(
         direction: (3,) unit, object frame, from the grasp towards where the hand comes from.
         length: of the approach, m.
     """
+    settings = limits.for_floating_hand(settings)
     world = make_world(settings)
     robot = add_robot(world, settings, False, T_object_hand, open_q)
     away = -length * direction
