@@ -36,6 +36,15 @@ class HeldObject:
 
 
 @dataclass(frozen=True)
+class HeldGrasp:
+    """A hand around its objects."""
+
+    objects: tuple[HeldObject, ...]
+    q: NDArray[np.float64]  # (16,) joint angles at the start
+    squeeze_q: NDArray[np.float64]  # (16,) drive targets
+
+
+@dataclass(frozen=True)
 class Outcome:
     """How one gravity direction ended, per object."""
 

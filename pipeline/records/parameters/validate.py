@@ -15,6 +15,10 @@ Direction = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 class ValidateParameters(Section):
     """Tests of a single grasp with a floating hand; also used for two objects by `merge`."""
 
+    device: Literal["cpu", "cuda"] = Field(
+        "cpu",
+        description="Where the six gravities of single grasps run; cuda: all grasps in one scene, has not been tested.",
+    )
     gravity_directions: list[Direction] = Field(
         ["-x", "-z", "+y", "+x", "+z", "-y"],
         min_length=1,
