@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.hand.allegro import FINGER_LINKS, load_hand
 from pipeline.hand.approach import choose_approach
 from pipeline.hand.moves import squeeze_joints
-from pipeline.physics.holding import HeldObject, Holding, hold_in_gravities
+from pipeline.physics.holding import HeldGrasp, HeldObject, Holding, hold_in_gravities
 from pipeline.physics.table_pick import pick_from_support
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
@@ -45,18 +45,32 @@ def squeeze_target(candidate: Candidate, advance: float) -> NDArray[np.float64]:
     )
 
 
+def held_grasp(prepared: PreparedObject, candidate: Candidate, advance: float) -> HeldGrasp:
+    """Return the candidate, squeezed by ``advance`` metres, as the test of holding takes it."""
+    held = HeldObject(prepared, inverse_pose(candidate.T_object_hand), assigned_links(candidate.fingers))
+    return HeldGrasp((held,), candidate.q, squeeze_target(candidate, advance))
+
+
 def check_candidate(
-    prepared: PreparedObject, candidate: Candidate, settings: PhysicsParameters, limits: ValidateParameters
+    prepared: PreparedObject,
+    candidate: Candidate,
+    settings: PhysicsParameters,
+    limits: ValidateParameters,
+    holding: Holding | None = None,
 ) -> dict[str, Any]:
     """Return the columns that physics adds to a candidate's row; columns of checks not reached are None.
+
+    Args:
+        holding: outcome of the gravities where they were tested elsewhere.
 
     Order: six gravities (``rejected_by`` becomes ``gravity:<direction>``), sweep of the approach (``approach``),
     tabletop test (``table:push``, ``table:touch``, ``table:drop``, ``table:drift``). Without ``early_rejection`` every
     check is made and ``rejected_by`` names the first that failed.
     """
-    squeeze_q = squeeze_target(candidate, limits.squeeze_advance)
-    held = HeldObject(prepared, inverse_pose(candidate.T_object_hand), assigned_links(candidate.fingers))
-    holding = hold_in_gravities(settings, limits, [held], candidate.q, squeeze_q)
+    grasp = held_grasp(prepared, candidate, limits.squeeze_advance)
+    squeeze_q = grasp.squeeze_q
+    if holding is None:
+        holding = hold_in_gravities(settings, limits, grasp.objects, candidate.q, squeeze_q)
     columns: dict[str, Any] = {
         "squeeze_q": squeeze_q,
         "open_q": None,
@@ -96,7 +110,7 @@ def check_candidate(
         approach.open_q,
         approach.direction,
         approach.length,
-        held.assigned_links,
+        grasp.objects[0].assigned_links,
     )
     failure = pick.failure(limits)
     columns |= {"table_approach_push": pick.push, "table_drift": pick.drift}
