@@ -47,7 +47,9 @@ def check_raw(vertices: NDArray[np.float64], faces: NDArray[np.int64], name: str
     extents = np.ptp(used, axis=0)
     largest = float(extents.max())
     if largest > LARGEST_EXTENT:
-        unit = "mm" if largest > 20 else "cm"
+        unit = "cm" if largest <= 25 else "mm"
+        if largest > 1000 * LARGEST_EXTENT:
+            raise UserError(f"{where} the largest extent is {largest:.4g} m; correct `unit` or `scale`.")
         raise UserError(f"{where} the largest extent is {largest:.4g} m: looks like {unit}, set `unit: {unit}`.")
     if largest < SMALLEST_EXTENT:
         raise UserError(f"{where} the largest extent is only {1000 * largest:.3g} mm; correct `unit` or `scale`.")
