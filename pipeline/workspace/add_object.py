@@ -107,7 +107,7 @@ def _shape(entry: dict[str, Any]) -> MeshParameters:
         raise UserError(f"{where}{first['msg'].removeprefix('Value error, ')}.") from error
 
 
-def describe(addition: Addition, prepared: PreparedObject, parameters: Parameters) -> list[str]:
+def describe(addition: Addition, prepared: PreparedObject) -> list[str]:
     """Return the lines that tell the user what has become of the mesh."""
     from pipeline.workspace.graspable import verdict
 
@@ -125,7 +125,7 @@ def describe(addition: Addition, prepared: PreparedObject, parameters: Parameter
         f"  convex parts  {len(prepared.parts)}",
         f"  picture       {paths.prepared_folder(addition.name) / 'picture.png'}",
     ]
-    return lines + [f"  {style:13} {verdict(style, prepared, parameters)}" for style in addition.styles]
+    return lines + [f"  {style:13} {verdict(style, prepared)}" for style in addition.styles]
 
 
 def write(addition: Addition, prepared: PreparedObject) -> None:
@@ -164,7 +164,7 @@ def add(chosen: argparse.Namespace) -> None:
 
     prepared = prepare_object(addition.name, _shape(addition.entry), parameters.prepare, addition.raw)
     write(addition, prepared)
-    print("\n".join(describe(addition, prepared, parameters)))
+    print("\n".join(describe(addition, prepared)))
     if not record(addition.name):
         print("warning: DVC could not record the prepared object; `./dev repro` prepares it again.", file=sys.stderr)
     stages = " ".join(f"validate-{style}@{addition.name}" for style in addition.styles)
