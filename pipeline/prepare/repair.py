@@ -288,6 +288,8 @@ def repair(vertices: NDArray[np.float64], faces: NDArray[np.int64], name: str) -
         UserError: no single solid can be made of the mesh.
     """
     check_raw(vertices, faces, name)
+    used, index = np.unique(faces, return_inverse=True)
+    vertices, faces = vertices[used], index.reshape(faces.shape)
     repairs: list[str] = []
     mesh = _cleaned(vertices, faces, repairs)
     manifold = _as_manifold(mesh)

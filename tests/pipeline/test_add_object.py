@@ -55,7 +55,14 @@ def test_a_file_becomes_an_object(project, box, capsys):
     assert run(box, "--style", "both") == 0
     done = capsys.readouterr()
     assert "the longest extent in My Möbel (2).STL is 60, taken as mm" in done.err
-    for words in ("40.0 x 50.0 x 60.0 mm", "120.0 cm3", "60.0 g", "convex parts  1", "40.0 mm wide: fits", "./dev repro validate-pinch@"):
+    for words in (
+        "40.0 x 50.0 x 60.0 mm",
+        "120.0 cm3",
+        "60.0 g",
+        "convex parts  1",
+        "40.0 mm wide: fits",
+        "./dev repro validate-pinch@",
+    ):
         assert words in done.out
     parameters = read_parameters()
     assert parameters.meshes["my_mobel_2"].model_dump(exclude_unset=True) == {
