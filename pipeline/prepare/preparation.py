@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from pipeline.prepare import convex_parts, distance_grid, frame, mass, repair, resting, samples, sources
@@ -24,17 +26,23 @@ def _union_volume(parts: list[convex_parts.Mesh]) -> float:
 
 
 def prepare_object(
-    name: str, shape: ObjectParameters | MeshParameters, parameters: PrepareParameters
+    name: str,
+    shape: ObjectParameters | MeshParameters,
+    parameters: PrepareParameters,
+    raw: sources.RawMesh | None = None,
 ) -> PreparedObject:
     """Return the prepared object.
+
+    Args:
+        raw: its triangles, where they have been read already.
 
     Raises:
         UserError: the source is missing or cannot become one solid that stands with its ``up`` axis upward.
     """
-    raw = sources.raw_mesh(shape, name)
+    raw = raw or sources.raw_mesh(shape, name)
     solid = repair.repair(raw.vertices, raw.faces, name)
     faces = solid.faces
-    vertices = frame.canonical_vertices(solid.vertices, faces, shape.up)
+    vertices = frame.canonical_vertices(solid.vertices, faces, shape.up, shape.turn)
     standing = resting.stance(vertices)
     if standing.margin < SMALLEST_MARGIN or standing.tip_angle < SMALLEST_TIP_ANGLE:
         raise UserError(
@@ -49,7 +57,10 @@ def prepare_object(
     # Seeded by the name alone: another run seed must not change what the objects are.
     surface = samples.surface_samples(vertices, faces, parameters.surface_points, item_generator(0, "prepare", name))
     hull_volume = mass.solid_properties(*convex_parts.convex_hull(vertices))[0]
-    repairs = list(solid.repairs)
+    provenance: dict[str, Any] = {}
+    if raw.guessed_unit:
+        provenance["guessed_unit"] = raw.guessed_unit
+        provenance["longest_extent_in_file"] = raw.longest
     return PreparedObject(
         name=name,
         vertices=vertices,
@@ -64,10 +75,11 @@ def prepare_object(
         inertia=inertia * shape.density,
         volume=volume,
         extents=np.ptp(vertices, axis=0),
-        provenance={
+        provenance=provenance
+        | {
             "source": raw.source,
             "licence": raw.licence,
-            "repairs": repairs,
+            "repairs": list(solid.repairs),
             "raw_faces": len(raw.faces),
             "faces": len(faces),
             "hull_volume": hull_volume,

@@ -17,6 +17,8 @@ import yaml
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import read_parameters
+from pipeline.records.writing import whole_file
+from pipeline.workspace.parameter_text import own_meshes, with_mesh, without_meshes
 
 CONFIG_FOLDER = Path("conf")
 CONFIG_NAME = "config"
@@ -55,12 +57,18 @@ def flatten(content: Any, prefix: str = "") -> dict[str, Any]:
     }
 
 
-def differences(scale: str) -> list[str]:
-    """Return the dotted names of the values in which ``params.yaml`` differs from what ``conf/`` composes."""
+def differences(scale: str, count_meshes: bool = True) -> list[str]:
+    """Return the dotted names of the values in which ``params.yaml`` differs from what ``conf/`` composes.
+
+    Args:
+        count_meshes: whether objects under ``meshes``, and their place in the styles, are differences.
+    """
+    present = yaml.safe_load(paths.PARAMETERS_FILE.read_text())
     with tempfile.TemporaryDirectory() as folder:
         composed = Path(folder) / "params.yaml"
         compose(scale, composed)
-        here, there = (flatten(yaml.safe_load(path.read_text())) for path in (paths.PARAMETERS_FILE, composed))
+        here = flatten(present if count_meshes else without_meshes(present))
+        there = flatten(yaml.safe_load(composed.read_text()))
     absent = object()
     return sorted(name for name in here.keys() | there.keys() if here.get(name, absent) != there.get(name, absent))
 
@@ -69,22 +77,43 @@ def _named(names: list[str]) -> str:
     return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
 
 
+def _own_meshes_of_a_sound_file() -> dict[str, tuple[dict[str, Any], list[str]]]:
+    """Return the objects under ``meshes`` in ``params.yaml``; none where the file is missing or refused."""
+    try:
+        read_parameters()
+    except UserError:
+        return {}
+    return own_meshes(yaml.safe_load(paths.PARAMETERS_FILE.read_text()))
+
+
 def switch(scale: str, force: bool) -> str:
     """Compose ``params.yaml`` for ``scale`` and return what to tell the user.
+
+    The user's own objects (``meshes``) belong to no scale: they are kept, in the styles that list them, also with
+    ``force``.
 
     Raises:
         UserError: ``params.yaml`` holds hand edits and ``force`` is not set.
     """
+    own = _own_meshes_of_a_sound_file()
     if paths.PARAMETERS_FILE.exists() and not force:
         present = read_parameters().scale
-        edited = differences(present)
+        edited = differences(present, count_meshes=False)
         if edited:
             raise UserError(
                 f"params.yaml differs from the scale {present} of conf/ in {_named(edited)}; "
                 "add --force to overwrite it, or leave out --scale to use it as it is."
             )
-    compose(scale, paths.PARAMETERS_FILE)
-    return f"scale {scale}, composed from conf/ into params.yaml"
+    with tempfile.TemporaryDirectory() as folder:
+        composed = Path(folder) / "params.yaml"
+        compose(scale, composed)
+        text = composed.read_text()
+    for name, (entry, styles) in own.items():
+        text = with_mesh(text, name, entry, styles)
+    with whole_file(paths.PARAMETERS_FILE) as temporary:
+        temporary.write_text(text)
+    kept = f"; kept from meshes: {', '.join(own)}" if own else ""
+    return f"scale {scale}, composed from conf/ into params.yaml{kept}"
 
 
 def describe() -> str:
