@@ -68,22 +68,20 @@ def _shape(grasp: SingleGrasp) -> NDArray[np.float64]:
 
 
 def distinct_grasps(grasps: list[SingleGrasp], distance: float) -> list[SingleGrasp]:
-    """Return the grasps without those that nearly repeat an earlier one.
+    """Return the grasps, all of one style, without those that nearly repeat an earlier one.
 
     Args:
         distance: m; two grasps are one when the parts of the hand that count lie closer than this on average.
     """
-    kept: list[SingleGrasp] = []
-    shapes: list[NDArray[np.float64]] = []
-    for grasp in grasps:
-        shape = _shape(grasp)
-        if all(
-            shape.shape != other.shape or float(np.linalg.norm(shape - other, axis=1).mean()) >= distance
-            for other in shapes
-        ):
-            kept.append(grasp)
-            shapes.append(shape)
-    return kept
+    if not grasps:
+        return []
+    shapes = np.stack([_shape(grasp) for grasp in grasps])
+    kept: list[int] = []
+    for index, shape in enumerate(shapes):
+        apart = np.linalg.norm(shapes[kept] - shape, axis=2).mean(1)
+        if (apart >= distance).all():
+            kept.append(index)
+    return [grasps[index] for index in kept]
 
 
 def join(first: SingleGrasp, second: SingleGrasp) -> MergedGrasp:

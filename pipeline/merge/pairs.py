@@ -22,6 +22,7 @@ from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.tables import MERGED
 
 CHUNK = 24  # most combinations of a pair tried at once; not the number of workers, on which results must not depend
+STORE = 20  # combinations in store for each that may be tried: those whose grasps are used up are passed over
 SPARE = 4  # combinations tried at once beyond those still wanted: some will be rejected
 
 
@@ -87,10 +88,11 @@ def merge_pairs(
         pairs: by the name of the second object, as ``seconds`` and ``generators``.
         firsts, seconds: distinct validated grasps of the objects.
     """
-    searches = {
-        name: _Search(pair.merge, random_order(len(firsts), len(seconds[name]), generators[name]), [], [])
-        for name, pair in pairs.items()
-    }
+    searches = {}
+    for name, pair in pairs.items():
+        store = STORE * pair.merge.most_combinations
+        order = random_order(len(firsts), len(seconds[name]), generators[name], store)
+        searches[name] = _Search(pair.merge, order, [], [])
     with Shared(_Inputs(pairs, firsts, seconds)) as shared:
         while tasks := [(name, *taken) for name, search in searches.items() for taken in search.take()]:
             accepted = sum(len(search.accepted) for search in searches.values())
