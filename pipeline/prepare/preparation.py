@@ -17,6 +17,10 @@ SMALLEST_MARGIN = 0.002  # m, of the support polygon around the centre of mass
 SMALLEST_TIP_ANGLE = np.radians(5.0)
 
 
+def _stands(standing: resting.Stance) -> bool:
+    return standing.margin >= SMALLEST_MARGIN and standing.tip_angle >= SMALLEST_TIP_ANGLE
+
+
 def _union_volume(parts: list[convex_parts.Mesh]) -> float:
     """Volume of the union of convex parts, m3."""
     import manifold3d
@@ -44,11 +48,16 @@ def prepare_object(
     faces = solid.faces
     vertices = frame.canonical_vertices(solid.vertices, faces, shape.up, shape.turn)
     standing = resting.stance(vertices)
-    if standing.margin < SMALLEST_MARGIN or standing.tip_angle < SMALLEST_TIP_ANGLE:
+    if not _stands(standing):
+        others = [
+            axis
+            for axis in frame.ROTATIONS
+            if _stands(resting.stance(frame.canonical_vertices(solid.vertices, faces, axis)))
+        ]
+        advice = f"set `up` to {' or '.join(others)}" if others else "give it a flat base or turn the mesh"
         raise UserError(
             f"{name}: the object does not stand with {shape.up} up (its centre of mass is "
-            f"{1000 * standing.margin:.1f} mm inside its support, {1000 * SMALLEST_MARGIN:g} are needed); set `up` to "
-            "another axis or turn the mesh."
+            f"{1000 * standing.margin:.1f} mm inside its support, {1000 * SMALLEST_MARGIN:g} are needed); {advice}."
         )
     volume, _, inertia = mass.solid_properties(vertices, faces)
     parts, lost = convex_parts.convex_parts(vertices, faces, parameters)

@@ -94,9 +94,13 @@ def check_file(path: Path, where: str) -> None:
     Raises:
         UserError: it is missing, a folder, unreadable, or of another format.
     """
-    if path.is_dir():
+    try:
+        is_folder, is_file = path.is_dir(), path.is_file()
+    except (OSError, ValueError):  # a name that no file can have
+        is_folder = is_file = False
+    if is_folder:
         raise UserError(f"{where}: {path} is a folder; name a mesh file in it.")
-    if not path.is_file():
+    if not is_file:
         raise UserError(f"{where}: the mesh file {path} is missing; put it there or correct the name.")
     if path.suffix.lower().lstrip(".") not in FILE_FORMATS:
         raise UserError(
