@@ -45,6 +45,7 @@ CANDIDATES = pa.schema(
         ("energy_table", pa.float64()),  # m, sum over hand (and flange) surface points
         ("energy_self_penetration", pa.float64()),  # m
         ("energy_joints", pa.float64()),  # rad beyond limits
+        ("energy_offset", pa.float64()),  # m2, squared distance of the contacts' middle from the centre of mass
         ("rejected_by", pa.string()),
     ]
 )

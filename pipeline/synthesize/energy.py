@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.hand.allegro import FINGER_LINKS, Hand, load_hand
 from pipeline.hand.surface import hand_surface, mount_surface
+from pipeline.records.errors import UserError
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
 
@@ -48,6 +49,7 @@ class Terms:
     table: NDArray[np.float64]
     self_penetration: NDArray[np.float64]
     joints: NDArray[np.float64]
+    offset: NDArray[np.float64]
 
 
 def block_order(points: NDArray[np.float64], size: int = BLOCK) -> list[NDArray[np.int64]]:
@@ -248,13 +250,20 @@ class EnergyScene:
         self.device = device
         self.hand = hand_arrays(device, energy.hand_points, style.mount_clearance is not None)
         self.scene = object_arrays(device, prepared, energy, style)
-        self.weights = kernel.Weights()
-        self.weights.force_closure = energy.weight_force_closure
-        self.weights.distance = energy.weight_distance
-        self.weights.penetration = energy.weight_penetration
-        self.weights.self_penetration = energy.weight_self_penetration
-        self.weights.joints = energy.weight_joints
-        self.weights.balance_forces = int(energy.balance_forces)
+        self.energy = energy
+
+    def weights(self, table_factor: int = 1) -> Any:
+        """Return ``energy_kernel.Weights``; the gradient of the table term is multiplied by ``table_factor``."""
+        weights = self.kernel.Weights()
+        weights.force_closure = self.energy.weight_force_closure
+        weights.distance = self.energy.weight_distance
+        weights.penetration = self.energy.weight_penetration
+        weights.table_slope = self.energy.weight_penetration * table_factor
+        weights.self_penetration = self.energy.weight_self_penetration
+        weights.joints = self.energy.weight_joints
+        weights.offset = self.energy.weight_offset
+        weights.balance_forces = int(self.energy.balance_forces)
+        return weights
 
     def compile(self) -> None:
         """Compile the kernels, or load them from Warp's cache."""
@@ -286,19 +295,19 @@ class EnergyScene:
         scratch.normal = wp.zeros((count, grasps.contacts.shape[1]), dtype=wp.vec3, device=self.device)
         return scratch
 
-    def launch_evaluation(self, states: Any, scratch: Any) -> None:
+    def launch_evaluation(self, states: Any, scratch: Any, weights: Any) -> None:
         """Compute terms, energies and gradients of states in place."""
         self.wp.launch(
             self.kernel.evaluate_kernel,
             dim=states.energy.shape[0],
-            inputs=[self.hand, self.scene, self.weights, states, scratch],
+            inputs=[self.hand, self.scene, weights, states, scratch],
             device=self.device,
         )
 
     def evaluate(self, grasps: Grasps) -> tuple[Terms, NDArray[np.float64]]:
         """Return terms and gradients (B, 22) of a batch; degrees of freedom as in ``energy_kernel``."""
         states = self.states(grasps)
-        self.launch_evaluation(states, self.scratch(grasps))
+        self.launch_evaluation(states, self.scratch(grasps), self.weights())
         return read_terms(states), states.gradient.numpy().astype(np.float64)
 
 
@@ -338,7 +347,9 @@ def contact_shares(hand: Hand, contacts: NDArray[np.int64], balance: bool) -> ND
     return np.where(both, 0.5 * count / mine, 1.0) if balance else np.ones(contacts.shape)
 
 
-def contact_slots(hand: Hand, fingers: Sequence[str], count: int, distal_links: int) -> list[NDArray[np.float64]]:
+def contact_slots(
+    hand: Hand, fingers: Sequence[str], count: int, links: Sequence[str] = (), free: bool = False
+) -> list[NDArray[np.float64]]:
     """Return, per contact, the chance (143,) of every candidate.
 
     The first contacts belong to one finger of the set each, so that every finger has one; further contacts are drawn
@@ -346,18 +357,30 @@ def contact_slots(hand: Hand, fingers: Sequence[str], count: int, distal_links: 
 
     Args:
         count: number of contacts, at least one per finger.
-        distal_links: links per finger, counted from the tip, that may touch.
+        links: names of the links that may touch, all of the fingers' when empty.
+        free: draw every contact from all fingers, as the released code does.
+
+    Raises:
+        UserError: a link is not of these fingers, or a finger has no link with contact candidates.
     """
+    key = "+".join(fingers)
+    unknown = sorted(set(links) - {link for finger in fingers for link in FINGER_LINKS[finger]})
+    if unknown:
+        raise UserError(
+            f"params.yaml: links of {key} names {unknown[0]!r}, which is no link of these fingers; remove it there."
+        )
     weights = np.zeros(len(hand.contact_link))
     for finger in fingers:
-        for link in FINGER_LINKS[finger][-distal_links:]:
-            own = hand.contact_link == hand.link(link)
+        touching = [link for link in FINGER_LINKS[finger] if link in links or not links]
+        for own in (hand.contact_link == hand.link(link) for link in touching):
             if own.any():
                 weights[own] = (PALM_WEIGHT if finger == "palm" else 1.0) / own.sum()
+        if not weights[np.array(hand.contact_finger) == finger].any():
+            raise UserError(f"params.yaml: links of {key} leaves the {finger} no contact; name one of its links there.")
     slots = []
     for slot in range(count):
         own = weights.copy()
-        if slot < len(fingers):
+        if slot < len(fingers) and not free:
             own[np.array(hand.contact_finger) != fingers[slot]] = 0.0
         slots.append(own / own.sum())
     return slots

@@ -22,7 +22,7 @@ import warp as wp
 TRANSLATION = 3  # degrees of freedom before the rotation
 POSE = 6  # degrees of freedom before the joints
 DEGREES = 22
-TERMS = 6  # force closure, distance, penetration, table, self-penetration, joints
+TERMS = 7  # force closure, distance, penetration, table, self-penetration, joints, offset
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
@@ -88,8 +88,10 @@ class Weights:
     force_closure: float
     distance: float
     penetration: float
+    table_slope: float  # weight of the table term in the gradient
     self_penetration: float
     joints: float
+    offset: float
     balance_forces: int
 
 
@@ -132,6 +134,8 @@ class Schedule:
     switch_probability: float
     noise: float
     memory: float
+    shared: int  # 1: row 0 of the mean squares is for all chains, see share_slopes_kernel
+    repeats: int  # 1: two contacts may be the same candidate
     free: wp.array(dtype=float)  # (22,) 1 where a degree of freedom may move
     slot_start: wp.array(dtype=int)  # (contacts + 1,)
     slot_candidate: wp.array(dtype=int)  # candidates of each contact
@@ -278,7 +282,7 @@ def place_links(hand: HandArrays, states: States, scratch: Scratch, chain: int):
 def contact_terms(
     hand: HandArrays, scene: ObjectArrays, weights: Weights, states: States, scratch: Scratch, chain: int
 ):
-    """Force closure and distance of the contacts."""
+    """Force closure, distance and offset of the contacts."""
     count = states.contacts.shape[1]
     opposing = float(0.0)
     for slot in range(count):
@@ -292,6 +296,7 @@ def contact_terms(
     force = wp.vec3(0.0, 0.0, 0.0)
     torque = wp.vec3(0.0, 0.0, 0.0)
     distance = float(0.0)
+    centre = wp.vec3(0.0, 0.0, 0.0)
     for slot in range(count):
         candidate = states.contacts[chain, slot]
         link = hand.contact_link[candidate]
@@ -302,8 +307,10 @@ def contact_terms(
         normal = wp.normalize(gradient)
         if hand.contact_opposes[candidate] > 0:
             normal = normal * share
+            centre += p * (share / float(count))
         else:
             normal = normal * share_others
+            centre += p * (share_others / float(count))
         scratch.normal[chain, slot] = normal
         force += normal
         torque += wp.cross(p, normal)
@@ -314,10 +321,16 @@ def contact_terms(
         candidate = states.contacts[chain, slot]
         link = hand.contact_link[candidate]
         p = scratch.position[chain, link] + scratch.rotation[chain, link] @ hand.contact_point[candidate]
-        add_force(scratch, chain, link, p, wp.cross(scratch.normal[chain, slot], torque) * scale)
+        part = share_others
+        if hand.contact_opposes[candidate] > 0:
+            part = share
+        pull = centre * (2.0 * weights.offset * part / float(count))
+        add_force(scratch, chain, link, p, wp.cross(scratch.normal[chain, slot], torque) * scale + pull)
+    offset = wp.dot(centre, centre)
     states.terms[chain, 0] = closure
     states.terms[chain, 1] = distance
-    return weights.force_closure * closure + weights.distance * distance
+    states.terms[chain, 6] = offset
+    return weights.force_closure * closure + weights.distance * distance + weights.offset * offset
 
 
 @wp.func
@@ -459,7 +472,7 @@ def compute_energy(
     place_links(hand, states, scratch, chain)
     energy = contact_terms(hand, scene, weights, states, scratch, chain)
     penetration = penetration_term(hand, scene, weights.penetration, scratch, chain)
-    table = table_term(hand, scene, weights.penetration, scratch, chain)
+    table = table_term(hand, scene, weights.table_slope, scratch, chain)
     collision = self_penetration_term(hand, weights.self_penetration, scratch, chain)
     excess = float(0.0)
     for index in range(hand.link_count - 1):
@@ -528,21 +541,21 @@ def propose(
     seed: int,
     iteration: int,
 ):
-    """Write a proposal; return whether its contacts are distinct, and the number that decides on its acceptance.
-
-    Random numbers depend on the chain's seed and the iteration only.
-    """
+    """Write a proposal. Random numbers depend on the chain's seed and the iteration only."""
     random = wp.rand_init(seed, iteration)
-    accept = wp.randf(random)
+    wp.randf(random)  # the number that decides on the acceptance
     step = schedule.step * wp.pow(schedule.step_decay, wp.floor(float(iteration) / schedule.step_period))
     unbias = 1.0 / (1.0 - wp.pow(schedule.memory, float(iteration + 1)))
     turn = wp.vec3(0.0, 0.0, 0.0)
     move = wp.vec3(0.0, 0.0, 0.0)
     for degree in range(wp.static(DEGREES)):
         slope = current.gradient[chain, degree]
-        square = schedule.memory * mean_square[chain, degree] + (1.0 - schedule.memory) * slope * slope
-        mean_square[chain, degree] = square
-        change = -slope / wp.sqrt(square * unbias + 1.0e-6) + schedule.noise * wp.randn(random)
+        square = mean_square[0, degree]
+        if schedule.shared == 0:
+            square = schedule.memory * mean_square[chain, degree] + (1.0 - schedule.memory) * slope * slope
+            mean_square[chain, degree] = square
+            square = square * unbias
+        change = -slope / wp.sqrt(square + 1.0e-6) + schedule.noise * wp.randn(random)
         change = change * step * schedule.free[degree]
         if degree < wp.static(TRANSLATION):
             move[degree] = change
@@ -567,12 +580,31 @@ def propose(
                 entry += 1
             candidate = schedule.slot_candidate[entry]
         proposal.contacts[chain, slot] = candidate
-    distinct = int(1)
-    for slot in range(count):
+
+
+@wp.func
+def is_allowed(schedule: Schedule, proposal: States, chain: int):
+    """Whether no contact of a proposal is used twice, or that does not matter."""
+    if schedule.repeats > 0:
+        return True
+    for slot in range(proposal.contacts.shape[1]):
         for other in range(slot):
             if proposal.contacts[chain, slot] == proposal.contacts[chain, other]:
-                distinct = 0
-    return distinct, accept
+                return False
+    return True
+
+
+@wp.func
+def decide(schedule: Schedule, current: States, proposal: States, best: States, chain: int, seed: int, iteration: int):
+    """Metropolis' rule: the proposal becomes the current state, and the best one if it is."""
+    accept = wp.randf(wp.rand_init(seed, iteration))
+    temperature = schedule.temperature * wp.pow(
+        schedule.temperature_decay, wp.floor(float(iteration + 1) / schedule.temperature_period)
+    )
+    if accept < wp.exp((current.energy[chain] - proposal.energy[chain]) / temperature):
+        copy_state(proposal, current, chain)
+        if proposal.energy[chain] < best.energy[chain]:
+            copy_state(proposal, best, chain)
 
 
 @wp.kernel
@@ -601,13 +633,61 @@ def anneal_kernel(
     """
     chain = wp.tid()
     for iteration in range(iterations):
-        distinct, accept = propose(schedule, current, proposal, mean_square, chain, seeds[chain], iteration)
-        if distinct > 0:
+        propose(schedule, current, proposal, mean_square, chain, seeds[chain], iteration)
+        if is_allowed(schedule, proposal, chain):
             compute_energy(hand, scene, weights, proposal, scratch, chain)
-            temperature = schedule.temperature * wp.pow(
-                schedule.temperature_decay, wp.floor(float(iteration + 1) / schedule.temperature_period)
-            )
-            if accept < wp.exp((current.energy[chain] - proposal.energy[chain]) / temperature):
-                copy_state(proposal, current, chain)
-                if proposal.energy[chain] < best.energy[chain]:
-                    copy_state(proposal, best, chain)
+            decide(schedule, current, proposal, best, chain, seeds[chain], iteration)
+
+
+# The same in steps, for chains of a batch that influence each other.
+
+
+@wp.kernel
+def share_slopes_kernel(schedule: Schedule, current: States, mean_square: wp.array(dtype=float, ndim=2)):
+    """Update row 0 of the mean squares with the batch's mean; one thread per degree of freedom."""
+    degree = wp.tid()
+    total = float(0.0)
+    for chain in range(current.energy.shape[0]):
+        slope = current.gradient[chain, degree]
+        total += slope * slope
+    mean = total / float(current.energy.shape[0])
+    mean_square[0, degree] = schedule.memory * mean_square[0, degree] + (1.0 - schedule.memory) * mean
+
+
+@wp.kernel
+def propose_kernel(
+    hand: HandArrays,
+    scene: ObjectArrays,
+    weights: Weights,
+    schedule: Schedule,
+    current: States,
+    proposal: States,
+    scratch: Scratch,
+    mean_square: wp.array(dtype=float, ndim=2),
+    seeds: wp.array(dtype=int),
+    iteration: int,
+):
+    """Proposals and their energies, one thread per chain."""
+    chain = wp.tid()
+    propose(schedule, current, proposal, mean_square, chain, seeds[chain], iteration)
+    compute_energy(hand, scene, weights, proposal, scratch, chain)
+
+
+@wp.kernel
+def sum_table_kernel(weights: Weights, states: States):
+    """Give every state of the batch the table terms of all; one thread, so that the order of the sum is fixed."""
+    total = float(0.0)
+    for chain in range(states.energy.shape[0]):
+        total += states.terms[chain, 3]
+    for chain in range(states.energy.shape[0]):
+        states.energy[chain] = states.energy[chain] + weights.penetration * (total - states.terms[chain, 3])
+
+
+@wp.kernel
+def decide_kernel(
+    schedule: Schedule, current: States, proposal: States, best: States, seeds: wp.array(dtype=int), iteration: int
+):
+    """Metropolis' rule, one thread per chain."""
+    chain = wp.tid()
+    if is_allowed(schedule, proposal, chain):
+        decide(schedule, current, proposal, best, chain, seeds[chain], iteration)

@@ -16,7 +16,7 @@ from pipeline.records.parameters import MeshParameters, ObjectParameters, Parame
 from pipeline.records.parameters.objects import Recipe
 from pipeline.report.meanings import MERGE, SYNTHESIS, TRIALS, VALIDATION
 from pipeline.workspace.add_object import STYLES, command_line
-from pipeline.workspace.scales import flatten, scales
+from pipeline.workspace.scales import choices, flatten
 from tests.pipeline.declared import declared_stages
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -100,7 +100,7 @@ def test_every_addition_is_understood(command):
 def test_every_named_scale_exists(monkeypatch):
     monkeypatch.chdir(ROOT)
     named = {name for command in commands() for name in re.findall(r"--scale (\w+)", command)}
-    assert named and named <= set(scales())
+    assert named and named <= set(choices("scale"))
 
 
 @pytest.mark.parametrize("command", [c for c in commands() if c.startswith("python ")])

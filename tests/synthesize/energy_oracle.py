@@ -129,6 +129,8 @@ class EnergyOracle:
         torque = scale * torch.cross(points, forces, dim=-1).sum(0)
         closure = (forces.sum(0) ** 2).sum() + (torque**2).sum()
         distance = value.abs().sum()
+        middle = (points * tensor(shares)[:, None]).sum(0) / len(contacts)
+        offset = (middle**2).sum()
 
         surface = tensor(prepared.surface_points[: energy.object_points])
         penetration = self.deepest(self.depths(surface, R, t))
@@ -156,7 +158,7 @@ class EnergyOracle:
         collision = self.deepest(depths)
 
         excess = (joints - tensor(hand.upper)).clamp(min=0).sum() + (tensor(hand.lower) - joints).clamp(min=0).sum()
-        terms = torch.stack([closure, distance, penetration, table, collision, excess])
+        terms = torch.stack([closure, distance, penetration, table, collision, excess, offset])
         weights = tensor(
             [
                 energy.weight_force_closure,
@@ -165,6 +167,7 @@ class EnergyOracle:
                 energy.weight_penetration,
                 energy.weight_self_penetration,
                 energy.weight_joints,
+                energy.weight_offset,
             ]
         )
         total = (weights * terms).sum()

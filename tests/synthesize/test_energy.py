@@ -61,6 +61,7 @@ def test_terms_and_gradient_equal_autograd(prepared, style, contacts, energy):
         truth = oracle(grasps.position[index], rotations[index], grasps.q[index], grasps.contacts[index])
         mine = [
             terms.force_closure, terms.distance, terms.penetration, terms.table, terms.self_penetration, terms.joints,
+            terms.offset,
         ]  # fmt: skip
         np.testing.assert_allclose([term[index] for term in mine], truth.terms, rtol=2e-5, atol=5e-6)
         assert terms.energy[index] == pytest.approx(truth.energy, rel=2e-5)
