@@ -45,6 +45,7 @@ CANDIDATES = pa.schema(
         ("energy_table", pa.float64()),  # m, sum over hand (and flange) surface points
         ("energy_self_penetration", pa.float64()),  # m
         ("energy_joints", pa.float64()),  # rad beyond limits
+        ("energy_keep_out", pa.float64()),  # m, sum over points that the other object of a pair and its fingers need
         ("rejected_by", pa.string()),
     ]
 )

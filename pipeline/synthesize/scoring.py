@@ -76,7 +76,7 @@ def score_exactly(
     total = (
         energy.weight_force_closure * exact.force_closure
         + energy.weight_distance * exact.distance
-        + energy.weight_penetration * (exact.penetration + exact.table)
+        + energy.weight_penetration * (exact.penetration + exact.table + exact.keep_out)
         + energy.weight_self_penetration * exact.self_penetration
         + energy.weight_joints * exact.joints
     )
