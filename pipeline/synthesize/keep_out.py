@@ -20,7 +20,9 @@ from pipeline.hand.kinematics import link_poses, points_on_links
 from pipeline.hand.surface import farthest_points, hand_surface
 
 HAND_POINTS = 2000  # before thinning, about 5 mm apart
-KEEP_OUT_POINTS = 600
+EDGE_POINTS = 7  # per edge of a box: objects meet edges first, and points spread over surfaces miss them
+# After thinning. The thumb's base stands beside the palm, where every object of a side grasp is.
+FINGER_POINTS, THUMB_BASE_POINTS, PINCHED_POINTS = 120, 240, 60
 
 # Angles of a holding finger, rad: the first joint apart, the bending joints together from least to most bent. A tip
 # that opposes the thumb at 4 to 7 cm bends so much; the thumb's first joint holds at 1.1 and more, its limit is 1.4.
@@ -34,41 +36,62 @@ THUMB_BASE = "link_12.0"
 PINCHED_RADIUS = 0.025  # m, of a ball that fits into every object of 5 cm and more
 
 
-def _finger_points(finger: str) -> NDArray[np.float64]:
-    """Surface points (n, 3), hand frame, of one finger in all its holding postures."""
+def _edges(half: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (n, 3) along the twelve edges of a box about the origin, corners included."""
+    along = np.linspace(-1.0, 1.0, EDGE_POINTS)
+    points = [
+        np.roll([share, one, other], axis) for axis in range(3) for one in (-1, 1) for other in (-1, 1) for share in along
+    ]
+    return np.array(points) * half
+
+
+def _link_points(names: Sequence[str]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Links (n,) and points (n, 3) in link frames on surfaces and edges of some links."""
     hand = load_hand()
+    chosen = [hand.link(name) for name in names]
+    links, points = hand_surface(HAND_POINTS)
+    own = np.isin(links, chosen)
+    owners, samples = [links[own]], [points[own]]
+    for link, pose, half in zip(hand.box_link, hand.box_pose, hand.box_half, strict=True):
+        if link in chosen:
+            edges = _edges(half) @ pose[:3, :3].T + pose[:3, 3]
+            owners.append(np.full(len(edges), link))
+            samples.append(edges)
+    return np.concatenate(owners), np.concatenate(samples)
+
+
+def _swept(finger: str, names: Sequence[str], count: int) -> NDArray[np.float64]:
+    """Points (count, 3), hand frame, of some links of a finger in all its holding postures."""
     first, bends = HOLDING_ANGLES[finger]
     q = np.zeros((len(first) * len(bends), 16))
     q[:, list(FINGER_JOINTS[finger])] = [(angle, *bend) for angle, bend in product(first, bends)]
-    names = [*FINGER_LINKS[finger], *([THUMB_BASE] if finger == "thumb" else [])]
-    links, points = hand_surface(HAND_POINTS)
-    own = np.isin(links, [hand.link(name) for name in names])
-    return points_on_links(link_poses(hand, q), links[own], points[own]).reshape(-1, 3)
+    points = points_on_links(link_poses(load_hand(), q), *_link_points(names)).reshape(-1, 3)
+    return points[farthest_points(points, count)]
 
 
-def _pinched_points(count: int = 200) -> NDArray[np.float64]:
-    """Points (n, 3), hand frame, on a ball half-way between the tips of thumb and index and middle finger."""
+def _pinched() -> NDArray[np.float64]:
+    """Points (n, 3), hand frame, on a ball half-way between the tips of the thumb and of index and middle finger."""
     hand = load_hand()
     q = np.zeros((1, 16))
     for finger, (first, bends) in HOLDING_ANGLES.items():
         q[0, list(FINGER_JOINTS[finger])] = (first[len(first) // 2], *bends[len(bends) // 2])
-    tips = {finger: link_poses(hand, q)[0, hand.link(FINGER_LINKS[finger][-1]), :3, 3] for finger in FINGER_JOINTS}
-    centre = (tips["thumb"] + (tips["index"] + tips["middle"]) / 2) / 2
-    direction = np.random.Generator(np.random.PCG64(0)).normal(size=(count, 3))
-    return centre + PINCHED_RADIUS * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    thumb, index, middle = (
+        link_poses(hand, q)[0, hand.link(FINGER_LINKS[finger][-1]), :3, 3] for finger in ("thumb", "index", "middle")
+    )
+    direction = np.random.Generator(np.random.PCG64(0)).normal(size=(PINCHED_POINTS, 3))
+    return (thumb + (index + middle) / 2) / 2 + PINCHED_RADIUS * direction / np.linalg.norm(
+        direction, axis=1, keepdims=True
+    )
 
 
 @lru_cache(maxsize=4)
 def keep_out_points(fingers: tuple[str, ...]) -> NDArray[np.float64]:
-    """Return points (n, 3), hand frame, that a grasp with ``fingers`` leaves free, at most ``KEEP_OUT_POINTS``."""
+    """Return points (n, 3), hand frame, that a grasp with ``fingers`` leaves free."""
     others = [finger for finger in HOLDING_ANGLES if finger not in fingers]
-    parts = [_finger_points(finger) for finger in others]
+    parts = [_swept(finger, FINGER_LINKS[finger], FINGER_POINTS) for finger in others]
     if "thumb" in others:
-        parts.append(_pinched_points())
-    if not parts:
-        return np.zeros((0, 3))
-    points = np.concatenate(parts)
-    return points[farthest_points(points, min(KEEP_OUT_POINTS, len(points)))]
+        parts += [_swept("thumb", [THUMB_BASE], THUMB_BASE_POINTS), _pinched()]
+    return np.concatenate(parts) if parts else np.zeros((0, 3))
 
 
 def fingers_used(finger_sets: Sequence[Sequence[str]]) -> tuple[str, ...]:
