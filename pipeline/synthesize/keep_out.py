@@ -28,8 +28,8 @@ FINGER_POINTS, THUMB_BASE_POINTS, PINCHED_POINTS = 120, 240, 60
 # that opposes the thumb at 4 to 7 cm bends so much; the thumb's first joint holds at 1.1 and more, its limit is 1.4.
 HOLDING_ANGLES: dict[str, tuple[tuple[float, ...], NDArray[np.float64]]] = {
     "index": ((-0.2, 0.0, 0.2), np.array([[0.7, 0.2, 0.2], [0.95, 0.45, 0.4], [1.2, 0.7, 0.6]])),
-    "middle": ((-0.2, 0.0, 0.2), np.array([[0.7, 0.2, 0.2], [0.95, 0.45, 0.4], [1.2, 0.7, 0.6]])),
-    "ring": ((0.0, 0.15), np.array([[0.9, 0.7, 0.7], [1.2, 0.9, 0.9]])),
+    "middle": ((0.0, 0.25), np.array([[0.7, 0.2, 0.2], [0.95, 0.45, 0.4], [1.2, 0.7, 0.6]])),
+    "ring": ((0.0, 0.25), np.array([[0.9, 0.7, 0.7], [1.15, 0.85, 0.9], [1.4, 1.0, 1.1]])),
     "thumb": ((1.1, 1.2, 1.3, 1.39), np.array([[-0.05, 0.2, 0.2], [0.1, 0.4, 0.4], [0.2, 0.6, 0.5]])),
 }
 THUMB_BASE = "link_12.0"
