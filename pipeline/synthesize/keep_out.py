@@ -40,7 +40,11 @@ def _edges(half: NDArray[np.float64]) -> NDArray[np.float64]:
     """Points (n, 3) along the twelve edges of a box about the origin, corners included."""
     along = np.linspace(-1.0, 1.0, EDGE_POINTS)
     points = [
-        np.roll([share, one, other], axis) for axis in range(3) for one in (-1, 1) for other in (-1, 1) for share in along
+        np.roll([share, one, other], axis)
+        for axis in range(3)
+        for one in (-1, 1)
+        for other in (-1, 1)
+        for share in along
     ]
     return np.array(points) * half
 
