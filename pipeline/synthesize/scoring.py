@@ -65,7 +65,7 @@ def score_exactly(
 ) -> tuple[Terms, NDArray[np.float64], NDArray[np.float64]]:
     """Return terms with force closure, distance and energy taken from the mesh, contact points and normals (B, n, 3).
 
-    The other terms do not use the distance grid, so they are exact already; but for the keep-out term, which only steers.
+    The others do not use the distance grid, so they are exact already; but for the keep-out term, which only steers.
     """
     points = contact_positions(hand, grasps)
     distance, normals = ExactSurface(prepared).distance_and_normal(points.reshape(-1, 3))
