@@ -46,6 +46,7 @@ CANDIDATES = pa.schema(
         ("energy_self_penetration", pa.float64()),  # m
         ("energy_joints", pa.float64()),  # rad beyond limits
         ("energy_offset", pa.float64()),  # m2, squared distance of the contacts' middle from the centre of mass
+        ("energy_keep_out", pa.float64()),  # m, sum over points that the other object of a pair and its fingers need
         ("rejected_by", pa.string()),
     ]
 )

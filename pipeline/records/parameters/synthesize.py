@@ -116,6 +116,13 @@ class StyleParameters(Section):
     mount_clearance: float | None = Field(
         None, description="Height of flange and mount over the support plane, m; null leaves them out. Paper: left out."
     )
+    keep_out_margin: float | None = Field(
+        None,
+        ge=0,
+        le=0.02,
+        description="Distance of the object to where the other style's fingers and object may be, m; null: no such "
+        "places. Paper: none.",
+    )
     distance_from_palm: tuple[float, float] = Field(
         (0.05, 0.25), description="First distance palm to object, m. Paper's code: 0.05-0.25."
     )
