@@ -22,16 +22,21 @@ from pipeline.hand.surface import farthest_points, hand_surface
 HAND_POINTS = 2000  # before thinning, about 5 mm apart
 EDGE_POINTS = 7  # per edge of a box: objects meet edges first, and points spread over surfaces miss them
 # After thinning. The thumb's base stands beside the palm, where every object of a side grasp is.
-FINGER_POINTS, THUMB_BASE_POINTS, PINCHED_POINTS = 120, 240, 60
+FINGER_POINTS, THUMB_BASE_POINTS, PINCHED_POINTS = 150, 240, 60
 
 # Angles of a holding finger, rad: the first joint apart, the bending joints together from least to most bent. A tip
 # that opposes the thumb at 4 to 7 cm bends so much; the thumb's first joint holds at 1.1 and more, its limit is 1.4.
+# Last, a thumb that squeezes: its tip is pressed back to the last joint's limit while the joint before goes on.
 HOLDING_ANGLES: dict[str, tuple[tuple[float, ...], NDArray[np.float64]]] = {
     "index": ((-0.2, 0.0, 0.2), np.array([[0.7, 0.2, 0.2], [0.95, 0.45, 0.4], [1.2, 0.7, 0.6]])),
     "middle": ((0.0, 0.25), np.array([[0.7, 0.2, 0.2], [0.95, 0.45, 0.4], [1.2, 0.7, 0.6]])),
     "ring": ((0.0, 0.25), np.array([[0.9, 0.7, 0.7], [1.15, 0.85, 0.9], [1.4, 1.0, 1.1]])),
-    "thumb": ((1.1, 1.2, 1.3, 1.39), np.array([[-0.05, 0.2, 0.2], [0.1, 0.4, 0.4], [0.2, 0.6, 0.5]])),
+    "thumb": (
+        (1.1, 1.2, 1.3, 1.39),
+        np.array([[-0.05, 0.2, 0.2], [0.1, 0.4, 0.4], [0.2, 0.6, 0.5], [0.0, 0.6, -0.1], [0.15, 0.85, -0.1]]),
+    ),
 }
+MIDDLE_BEND = 1  # row of a posture in the middle
 THUMB_BASE = "link_12.0"
 PINCHED_RADIUS = 0.025  # m, of a ball that fits into every object of 5 cm and more
 
@@ -78,7 +83,7 @@ def _pinched() -> NDArray[np.float64]:
     hand = load_hand()
     q = np.zeros((1, 16))
     for finger, (first, bends) in HOLDING_ANGLES.items():
-        q[0, list(FINGER_JOINTS[finger])] = (first[len(first) // 2], *bends[len(bends) // 2])
+        q[0, list(FINGER_JOINTS[finger])] = (first[len(first) // 2], *bends[MIDDLE_BEND])
     thumb, index, middle = (
         link_poses(hand, q)[0, hand.link(FINGER_LINKS[finger][-1]), :3, 3] for finger in ("thumb", "index", "middle")
     )

@@ -23,7 +23,7 @@ def tips_and_corners(finger: str, names: list[str], seed: int) -> np.ndarray:
     q = np.zeros((20, 16))
     q[:, FINGER_JOINTS[finger][0]] = rng.uniform(min(first), max(first), 20)
     share = rng.random((20, 1))
-    q[:, list(FINGER_JOINTS[finger][1:])] = bends[0] + share * (bends[-1] - bends[0])
+    q[:, list(FINGER_JOINTS[finger][1:])] = bends[0] + share * (bends[2] - bends[0])
     T = link_poses(HAND, q)
     signs = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), -1).reshape(-1, 3)
     found = []
@@ -69,7 +69,7 @@ def test_an_object_on_the_thumbs_base_is_pushed_off_it():
     scene = EnergyScene(shapes.cylinder(), EnergyParameters(), SIDE)
     without = EnergyScene(shapes.cylinder(), EnergyParameters(), SIDE.model_copy(update={"keep_out_margin": None}))
     q = np.zeros((1, 16))
-    base = keep_out_points(("palm", "ring"))[360:600].mean(0)
+    base = keep_out_points(("palm", "ring"))[450:690].mean(0)
     # Hand axes are object axes, the object's middle beside the thumb's base, on the palm's side of it (+x).
     grasp = Grasps(-(base + [0.03, 0.0, 0.0])[None], np.array([[1.0, 0, 0, 0]]), q, np.array([[0, 60, 61]]))
     terms, gradient = scene.evaluate(grasp)
