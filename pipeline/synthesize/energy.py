@@ -209,8 +209,10 @@ def hand_arrays(device: str, point_count: int, with_mount: bool, keep_out_for: t
     put("keep_out_start", np.cumsum([0, *(len(block) for block in blocks)]), int)
     put("keep_out_centre", np.array([centre for centre, _ in spheres]).reshape(-1, 3), wp.vec3)
     put("keep_out_radius", [radius for _, radius in spheres], float)
-    own = [hand.link(name) for finger in keep_out_for or () if finger != "palm" for name in FINGER_LINKS[finger]]
-    own_parts = np.flatnonzero(np.isin(parts.link, own))
+    staying_out = [
+        hand.link(name) for finger in keep_out_for or () if finger != "palm" for name in FINGER_LINKS[finger]
+    ]
+    own_parts = np.flatnonzero(np.isin(parts.link, staying_out))
     put("own_part", own_parts, int)
     arrays.keep_out_blocks, arrays.own_count = len(blocks), len(own_parts)
     put("contact_link", hand.contact_link, int)
