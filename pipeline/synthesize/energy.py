@@ -348,6 +348,12 @@ def read_grasps(states: Any) -> Grasps:
     )
 
 
+def chosen(grasps: Grasps, rows: Sequence[int] | NDArray[np.int64]) -> Grasps:
+    """Return some grasps of a batch, in the order of ``rows``."""
+    index = np.asarray(rows, dtype=np.int64)
+    return Grasps(grasps.position[index], grasps.rotation[index], grasps.q[index], grasps.contacts[index])
+
+
 def contact_positions(hand: Hand, grasps: Grasps) -> NDArray[np.float64]:
     """Return contact points (B, n, 3) on the hand, object frame."""
     from pipeline.hand.kinematics import link_poses

@@ -109,7 +109,14 @@ class StyleParameters(Section):
         "contact of its own. Paper's code: true.",
     )
     chains: int = Field(256, ge=1, le=100000, description="Independent chains (candidates).")
-    iterations: int = Field(1500, ge=1, le=100000, description="Length of each chain. Paper: 6000.")
+    starts: int = Field(
+        1,
+        ge=1,
+        le=64,
+        description="Starts of each chain: hands of their own, annealed one by one; the one of lowest energy is "
+        "polished and is the chain's only candidate. Paper: 1.",
+    )
+    iterations: int = Field(1500, ge=1, le=100000, description="Length of each start of a chain. Paper: 6000.")
     table_clearance: float = Field(
         0.0, ge=0, le=0.1, description="Height of the hand over the support plane, m. Paper's code: ground_offset."
     )
