@@ -36,7 +36,7 @@ class Parameters(Section):
     """The whole of ``params.yaml``."""
 
     scale: Literal["demo", "paper", "tiny"] = Field(description="Which scale of conf/scale was composed.")
-    preset: Literal["ours", "official"] = Field(description="Which synthesis of conf/preset was composed.")
+    preset: Literal["ours", "official"] = Field(description="Which file of conf/preset was composed.")
     seed: int = Field(ge=0, description="Run seed; every item derives its own generator from it.")
     styles: StylesParameters
     objects: dict[str, ObjectParameters] = Field(description="Objects from packages and recipes, by name.")
