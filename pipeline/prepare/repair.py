@@ -22,7 +22,7 @@ EXTENT_CHANGE = 0.02  # of the largest extent; a repair that changes more has in
 COINCIDENT = 1e-7  # of the largest extent
 NEARLY_COINCIDENT = 1e-5  # of the largest extent; for vertices of open edges, where a seam is likelier than a slit
 MOST_FACES = 50_000  # finer meshes are simplified: no later step sees a difference, all take longer
-SIMPLIFICATION = (2e-5, 5e-5, 1e-4, 2e-4)  # m, distances between old and new surface that are tried in turn
+SIMPLIFICATION = (2e-5, 5e-5, 1e-4, 2e-4)  # m, tolerances that are tried in turn
 FIN = 0.25  # of the whole area; a larger patch is no sheet that hangs on the surface but the surface
 FLAT = 1e-3  # a patch that encloses less than this times its area to the power 3/2 (a ball: 0.13) is flat
 WRAP_CELLS = 96  # on the longest axis, for the solid from the winding number
@@ -320,8 +320,11 @@ def _lost_depth(mesh: Any, solid: Any) -> float:
 def _simplified(body: Any, repairs: list[str]) -> Any:
     """Return a body of at most ``MOST_FACES`` faces if a small enough change of its surface gives one.
 
-    Manifold moves no point of the surface by more than the tolerance, and what was closed stays closed.
+    Manifold keeps the surface closed and its tolerance nearly; how far the old vertices lie from the new surface is
+    measured.
     """
+    from pipeline.prepare.distance_grid import ray_scene
+
     before = body.num_tri()
     if before <= MOST_FACES:
         return body
@@ -329,7 +332,11 @@ def _simplified(body: Any, repairs: list[str]) -> Any:
         simpler = body.simplify(tolerance)
         if simpler.num_tri() <= MOST_FACES:
             break
-    repairs.append(f"simplified {before} to {simpler.num_tri()} faces (at most {1000 * tolerance:g} mm from them)")
+    result = simpler.to_mesh64()
+    scene = ray_scene(np.asarray(result.vert_properties)[:, :3], np.asarray(result.tri_verts))
+    points = np.asarray(body.to_mesh64().vert_properties)[:, :3].astype(np.float32)
+    moved = 1000 * float(scene.compute_distance(points, nthreads=1).numpy().max())
+    repairs.append(f"simplified {before} to {simpler.num_tri()} faces (the surface moved by at most {moved:.3f} mm)")
     return simpler
 
 
