@@ -40,7 +40,7 @@ class MergedGrasp:
     T_hand_object0: NDArray[np.float64]  # (4, 4)
     T_hand_object1: NDArray[np.float64]  # (4, 4)
     held_q: NDArray[np.float64]  # (16,) like q, but the pinching fingers as they are once they squeeze
-    T_hand_held0: NDArray[np.float64]  # (4, 4) of object 0 then; see pipeline.merge.settling
+    T_hand_held0: NDArray[np.float64]  # (4, 4) of object 0 then; see pipeline.physics.settling
 
 
 def validated_grasps(table: pd.DataFrame) -> list[SingleGrasp]:

@@ -22,8 +22,11 @@ EXTENT_CHANGE = 0.02  # of the largest extent; a repair that changes more has in
 COINCIDENT = 1e-7  # of the largest extent
 NEARLY_COINCIDENT = 1e-5  # of the largest extent; for vertices of open edges, where a seam is likelier than a slit
 MOST_FACES = 50_000  # finer meshes are simplified: no later step sees a difference, all take longer
-SIMPLIFICATION = (2e-5, 5e-5, 1e-4, 2e-4)  # m, distances between old and new surface that are tried in turn
+SIMPLIFICATION = (2e-5, 5e-5, 1e-4, 2e-4)  # m, tolerances that are tried in turn
+FIN = 0.25  # of the whole area; a larger patch is no sheet that hangs on the surface but the surface
+FLAT = 1e-3  # a patch that encloses less than this times its area to the power 3/2 (a ball: 0.13) is flat
 WRAP_CELLS = 96  # on the longest axis, for the solid from the winding number
+WRAP_LOSS = 0.02  # of the largest extent; the surface may not lie further outside of that solid
 
 
 @dataclass(frozen=True)
@@ -136,12 +139,52 @@ def _oriented(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArra
     turn |= (kept[turned] == kept[as_is]) & (turned < as_is)
     surface = np.minimum(as_is, turned)
     faces = np.where(turn[:, None], faces[:, ::-1], faces)
+    return np.where((_enclosed(vertices, faces, surface) < 0)[surface][:, None], faces[:, ::-1], faces)
+
+
+def _enclosed(
+    vertices: NDArray[np.float64], faces: NDArray[np.int64], surface: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return six times the signed volume between each connected surface and its middle.
+
+    A flat patch encloses nothing: there it is the volume up to the middle of the whole shape, so that a patch of a
+    torn surface counts as outward when it looks away from that middle; 0 where it looks past it.
+    """
     corners = vertices[faces]
     sizes = np.maximum(np.bincount(surface), 1)
-    centre = np.stack([np.bincount(surface, weights=corners[:, :, axis].mean(axis=1)) for axis in range(3)], axis=1)
-    corners = corners - (centre / sizes[:, None])[surface][:, None]
-    volume = np.bincount(surface, weights=np.linalg.det(corners))
-    return np.where((volume < 0)[surface][:, None], faces[:, ::-1], faces)
+    middle = np.stack([np.bincount(surface, weights=corners[:, :, axis].mean(axis=1)) for axis in range(3)], axis=1)
+    own = np.bincount(surface, weights=np.linalg.det(corners - (middle / sizes[:, None])[surface][:, None]))
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    common = np.bincount(surface, weights=np.linalg.det(corners - (low + high) / 2))
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.bincount(surface, weights=np.linalg.norm(normals, axis=1))
+    flat, aside = (np.abs(volume) < FLAT * areas**1.5 for volume in (own, common))
+    return np.where(flat, np.where(aside, 0.0, common), own)
+
+
+def _without_fins(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Drop sheets that hang on the surface: patches between edges of three or more faces that also have open edges.
+
+    The winding number changes by one across such a sheet, which would carve a slit along it.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    _, group, uses = _grouped(np.sort(_edges(faces), axis=1))
+    of_edge = uses[group].reshape(-1, 3)
+    if not ((of_edge == 1).any() and (of_edge > 2).any()):
+        return faces
+    shared = np.flatnonzero(uses[group] == 2)
+    one, other = shared[np.argsort(group[shared], kind="stable")].reshape(-1, 2).T // 3
+    graph = coo_matrix((np.ones(len(one), np.int8), (one, other)), shape=(len(faces), len(faces)))
+    count, patch = connected_components(graph, directed=False)
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    area = np.bincount(patch, weights=np.linalg.norm(np.cross(b - a, c - a), axis=1), minlength=count)
+    is_open, joins = np.zeros(count, bool), np.zeros(count, bool)
+    is_open[patch[(of_edge == 1).any(axis=1)]] = True
+    joins[patch[(of_edge > 2).any(axis=1)]] = True
+    fin = is_open & joins & (area < FIN * area.sum())
+    return faces[~fin[patch]]
 
 
 def _merged(
@@ -157,7 +200,7 @@ def _merged(
     first, index, _ = _grouped(cells)
     vertices, faces = vertices[first], index[faces]
     count = len(cells) - len(first)
-    edges = np.sort(_edges(faces), axis=1)
+    edges = np.sort(_edges(_without_flaps(faces)), axis=1)
     _, group, uses = _grouped(edges)
     seam = np.unique(edges[uses[group] == 1])
     pairs = cKDTree(vertices[seam]).query_pairs(NEARLY_COINCIDENT * largest, output_type="ndarray") if len(seam) else []
@@ -181,6 +224,10 @@ def _cleaned(vertices: NDArray[np.float64], faces: NDArray[np.int64], repairs: l
     kept = _without_flaps(faces)
     if len(kept) < len(faces):
         repairs.append(f"removed {len(faces) - len(kept)} degenerate or duplicate faces")
+    without_fins = _without_fins(vertices, kept)
+    if len(without_fins) < len(kept):
+        repairs.append(f"removed {len(kept) - len(without_fins)} faces of sheets that hang on the surface")
+        kept = without_fins
     oriented = _oriented(vertices, kept)
     if not np.array_equal(oriented, kept):
         repairs.append("turned faces outward")
@@ -260,11 +307,24 @@ def _wrapped(mesh: Any) -> Any | None:
     return wrapped.simplify(float(mesh.extents.max()) / WRAP_CELLS / 8)
 
 
+def _lost_depth(mesh: Any, solid: Any) -> float:
+    """Return how far (m) the surface of ``mesh`` lies outside of ``solid`` at most; sheets inside do not count."""
+    from pipeline.prepare.distance_grid import ray_scene
+
+    result = solid.to_mesh64()
+    scene = ray_scene(np.asarray(result.vert_properties)[:, :3], np.asarray(result.tri_verts))
+    points = np.concatenate([mesh.vertices, mesh.triangles_center]).astype(np.float32)
+    return float(scene.compute_signed_distance(points, nthreads=1, nsamples=3).numpy().max())
+
+
 def _simplified(body: Any, repairs: list[str]) -> Any:
     """Return a body of at most ``MOST_FACES`` faces if a small enough change of its surface gives one.
 
-    Manifold moves no point of the surface by more than the tolerance, and what was closed stays closed.
+    Manifold keeps the surface closed and its tolerance nearly; how far the old vertices lie from the new surface is
+    measured.
     """
+    from pipeline.prepare.distance_grid import ray_scene
+
     before = body.num_tri()
     if before <= MOST_FACES:
         return body
@@ -272,7 +332,11 @@ def _simplified(body: Any, repairs: list[str]) -> Any:
         simpler = body.simplify(tolerance)
         if simpler.num_tri() <= MOST_FACES:
             break
-    repairs.append(f"simplified {before} to {simpler.num_tri()} faces (at most {1000 * tolerance:g} mm from them)")
+    result = simpler.to_mesh64()
+    scene = ray_scene(np.asarray(result.vert_properties)[:, :3], np.asarray(result.tri_verts))
+    points = np.asarray(body.to_mesh64().vert_properties)[:, :3].astype(np.float32)
+    moved = 1000 * float(scene.compute_distance(points, nthreads=1).numpy().max())
+    repairs.append(f"simplified {before} to {simpler.num_tri()} faces (the surface moved by at most {moved:.3f} mm)")
     return simpler
 
 
@@ -299,6 +363,10 @@ def repair(vertices: NDArray[np.float64], faces: NDArray[np.int64], name: str) -
         solid = _wrapped(mesh)
         if solid is None:
             raise UserError(f"{name}: the mesh cannot be closed ({open_edges} bad edges); mend it in a modeller.")
+        if _lost_depth(mesh, solid) > WRAP_LOSS * mesh.extents.max():
+            raise UserError(
+                f"{name}: closing the mesh ({open_edges} bad edges) loses a part of it; mend it in a modeller."
+            )
         repairs.append(f"rebuilt as the solid where the winding number is over one half ({open_edges} bad edges)")
     box = np.array(solid.bounding_box())
     before, after = np.ptp(vertices[np.unique(faces)], axis=0), box[3:] - box[:3]

@@ -67,6 +67,7 @@ VALIDATED = pa.schema(
         ("contact_only_pass", pa.bool_()),  # the paper's rule: some link presses in all six directions
         ("table_approach_push", pa.float64()),  # m, how far the object moved before the fingers closed
         ("table_drift", pa.float64()),  # m, motion in the hand from the end of the squeeze to the end of the hold
+        ("settling_drift", pa.float64()),  # m, motion in the hand under a gentle squeeze alone; pinch only
     ]
 )
 
