@@ -97,7 +97,8 @@ def _edge_uses(faces: NDArray[np.int64]) -> NDArray[np.int64]:
 def _without_flaps(faces: NDArray[np.int64]) -> NDArray[np.int64]:
     """Drop faces with equal corners, repeated faces, and pairs of equal faces back to back, which enclose nothing.
 
-    Where most faces come in such pairs the file is drawn double-sided; then one face of each pair stays.
+    Where the file is drawn double-sided, or repeated faces were turned, one face of each pair stays: whichever of the
+    two leaves fewer edges that are not shared by two faces.
     """
     a, b, c = faces.T
     faces = faces[(a != b) & (b != c) & (c != a)]
@@ -108,9 +109,9 @@ def _without_flaps(faces: NDArray[np.int64]) -> NDArray[np.int64]:
     )
     first, group, uses = _grouped(np.sort(faces, axis=1))
     back_to_back = np.bincount(group, weights=turned, minlength=len(uses)).astype(int) == 0
-    if back_to_back.sum() > len(uses) / 2:
-        back_to_back[:] = False
-    return faces[np.sort(first[~back_to_back])]
+    without, with_one = (faces[np.sort(first[kept])] for kept in (~back_to_back, np.ones(len(uses), bool)))
+    bad_without, bad_with_one = (int((_edge_uses(kept) != 2).sum()) for kept in (without, with_one))
+    return without if bad_without <= bad_with_one and len(without) else with_one
 
 
 def _oriented(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.int64]:
