@@ -295,7 +295,8 @@ def single_section(funnels: Sequence[Funnel]) -> str:
     chains = [(name, {PASSED: f.passed, **f.synthesize_rejected}) for name, f in names]
     physics = [(name, {PASSED: f.validated, **f.validate_rejected}) for name, f in names]
     return (
-        "<p>A chain is one run of the optimiser from one start; the filter sets limits on the terms of its energy; the "
+        "<p>A chain gives one candidate, the best of its starts (<code>synthesize.*.starts</code>, each a run of the "
+        "optimiser); the filter sets limits on the terms of its energy; the "
         "grasps that pass it are tested in physics.</p>\n"
         "<p>The two columns of rates are not the same measure. Ours: grasps that passed every check of physics "
         "(contact <em>and</em> drift in six gravity directions, execution from a table) per chain run. Table I of the "
