@@ -22,7 +22,7 @@ import warp as wp
 TRANSLATION = 3  # degrees of freedom before the rotation
 POSE = 6  # degrees of freedom before the joints
 DEGREES = 22
-TERMS = 7  # force closure, distance, penetration, table, self-penetration, joints, offset
+TERMS = 8  # force closure, distance, penetration, table, self-penetration, joints, offset, keep-out
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
@@ -58,6 +58,13 @@ class HandArrays:
     mount_count: int
     mount_centre: wp.vec3
     mount_radius: float
+    keep_out_points: wp.array(dtype=wp.vec3)  # hand frame, sorted into blocks
+    keep_out_start: wp.array(dtype=int)
+    keep_out_centre: wp.array(dtype=wp.vec3)
+    keep_out_radius: wp.array(dtype=float)
+    keep_out_blocks: int
+    own_part: wp.array(dtype=int)  # parts of the fingers that must stay out
+    own_count: int
     contact_link: wp.array(dtype=int)
     contact_point: wp.array(dtype=wp.vec3)
     contact_opposes: wp.array(dtype=int)  # 1 for thumb and palm, 0 for the fingers that they oppose
@@ -79,6 +86,7 @@ class ObjectArrays:
     torque_scale: float  # 1/m
     table_height: float  # z that the hand's points should stay above
     mount_height: float  # z that flange and mount should stay above
+    keep_out_margin: float  # least distance to keep-out points
 
 
 @wp.struct
@@ -143,8 +151,8 @@ class Schedule:
 
 
 @wp.func
-def nearest_distance(scene: ObjectArrays, p: wp.vec3):
-    """Return a lower bound (up to half a cell's diagonal) of the distance to the surface, unsigned."""
+def rough_distance(scene: ObjectArrays, p: wp.vec3):
+    """Return the signed distance at the nearest node of the grid; outside of the grid, a lower bound."""
     x = (p - scene.distance_origin) / scene.distance_spacing
     top = wp.vec3(
         float(scene.distance.shape[0] - 1), float(scene.distance.shape[1] - 1), float(scene.distance.shape[2] - 1)
@@ -152,10 +160,15 @@ def nearest_distance(scene: ObjectArrays, p: wp.vec3):
     c = wp.max(wp.min(x, top), wp.vec3(0.0, 0.0, 0.0))
     value = scene.distance[int(c[0] + 0.5), int(c[1] + 0.5), int(c[2] + 0.5)]
     beyond = wp.length(x - c) * scene.distance_spacing
-    result = wp.abs(value)
     if beyond > 0.0:
-        result = wp.max(beyond + scene.padding, value - beyond)
-    return result - scene.distance_spacing
+        value = wp.max(beyond + scene.padding, value - beyond)
+    return value
+
+
+@wp.func
+def nearest_distance(scene: ObjectArrays, p: wp.vec3):
+    """Return a lower bound (up to half a cell's diagonal) of the distance to the surface, unsigned."""
+    return wp.abs(rough_distance(scene, p)) - scene.distance_spacing
 
 
 @wp.func
@@ -465,6 +478,42 @@ def self_penetration_term(hand: HandArrays, weight: float, scratch: Scratch, cha
 
 
 @wp.func
+def keep_out_term(hand: HandArrays, scene: ObjectArrays, weight: float, scratch: Scratch, chain: int):
+    """Sum over the keep-out points of their depth in the object with its margin, and in the style's own fingers."""
+    total = float(0.0)
+    R = scratch.rotation[chain, 0]
+    t = scratch.position[chain, 0]
+    for index in range(hand.own_count):
+        scratch.near[chain, index] = hand.own_part[index]
+    for block in range(hand.keep_out_blocks):
+        centre = t + R @ hand.keep_out_centre[block]
+        radius = hand.keep_out_radius[block]
+        reach = radius + scene.keep_out_margin + scene.distance_spacing
+        near_object = rough_distance(scene, centre) < reach
+        mask = reached_parts(hand, scratch, chain, hand.own_count, centre, radius)
+        if near_object or mask != 0:
+            for point in range(hand.keep_out_start[block], hand.keep_out_start[block + 1]):
+                p = t + R @ hand.keep_out_points[point]
+                if near_object:
+                    value, gradient = trilinear_distance(scene, p)
+                    depth = scene.keep_out_margin - value
+                    if depth > 0.0:
+                        total += depth
+                        add_force(scratch, chain, 0, p, gradient * (-weight))
+                if mask != 0:
+                    where, deepest = deepest_part(hand, scratch, chain, hand.own_count, mask, p)
+                    if where >= 0:
+                        total += deepest
+                        link = hand.part_link[where]
+                        Q = scratch.rotation[chain, link]
+                        x = wp.transpose(Q) @ (p - scratch.part_position[chain, where])
+                        force = Q @ push_of_part(hand, where, x) * weight
+                        add_force(scratch, chain, link, p, force)
+                        add_force(scratch, chain, 0, p, -force)
+    return total
+
+
+@wp.func
 def compute_energy(
     hand: HandArrays, scene: ObjectArrays, weights: Weights, states: States, scratch: Scratch, chain: int
 ):
@@ -474,6 +523,7 @@ def compute_energy(
     penetration = penetration_term(hand, scene, weights.penetration, scratch, chain)
     table = table_term(hand, scene, weights.table_slope, scratch, chain)
     collision = self_penetration_term(hand, weights.self_penetration, scratch, chain)
+    keep_out = keep_out_term(hand, scene, weights.penetration, scratch, chain)
     excess = float(0.0)
     for index in range(hand.link_count - 1):
         # Children come after their parents, so that each link is complete when its wrench is passed on.
@@ -507,9 +557,10 @@ def compute_energy(
     states.terms[chain, 3] = table
     states.terms[chain, 4] = collision
     states.terms[chain, 5] = excess
+    states.terms[chain, 7] = keep_out
     states.energy[chain] = (
         energy
-        + weights.penetration * (penetration + table)
+        + weights.penetration * (penetration + table + keep_out)
         + weights.self_penetration * collision
         + weights.joints * excess
     )

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pipeline.energy.keep_out import fingers_used, keep_out_points
 from pipeline.hand.allegro import FINGER_LINKS, Hand, load_hand
 from pipeline.hand.surface import hand_surface, mount_surface
 from pipeline.records.errors import UserError
@@ -50,6 +51,7 @@ class Terms:
     self_penetration: NDArray[np.float64]
     joints: NDArray[np.float64]
     offset: NDArray[np.float64]
+    keep_out: NDArray[np.float64]
 
 
 def block_order(points: NDArray[np.float64], size: int = BLOCK) -> list[NDArray[np.int64]]:
@@ -141,8 +143,13 @@ def warp() -> Any:
 
 
 @lru_cache(maxsize=4)
-def hand_arrays(device: str, point_count: int, with_mount: bool) -> Any:
-    """Return ``kernel.HandArrays`` of the hand with ``point_count`` surface points."""
+def hand_arrays(device: str, point_count: int, with_mount: bool, keep_out_for: tuple[str, ...] | None) -> Any:
+    """Return ``kernel.HandArrays`` of the hand with ``point_count`` surface points.
+
+    Args:
+        with_mount: whether flange and mount are part of it.
+        keep_out_for: fingers of the style whose keep-out points are part of it, None for no such points.
+    """
     wp = warp()
     from pipeline.energy import kernel
 
@@ -195,6 +202,19 @@ def hand_arrays(device: str, point_count: int, with_mount: bool) -> Any:
     put("mount_points", mount, wp.vec3)
     arrays.mount_count = len(mount) if with_mount else 0
     arrays.mount_centre, arrays.mount_radius = wp.vec3(*mount_centre.tolist()), mount_radius
+    keep_out = np.zeros((0, 3)) if keep_out_for is None else keep_out_points(keep_out_for)
+    blocks = block_order(keep_out)
+    spheres = [bounding_sphere(keep_out[block]) for block in blocks]
+    put("keep_out_points", keep_out[np.concatenate([[], *blocks]).astype(np.int64)], wp.vec3)
+    put("keep_out_start", np.cumsum([0, *(len(block) for block in blocks)]), int)
+    put("keep_out_centre", np.array([centre for centre, _ in spheres]).reshape(-1, 3), wp.vec3)
+    put("keep_out_radius", [radius for _, radius in spheres], float)
+    staying_out = [
+        hand.link(name) for finger in keep_out_for or () if finger != "palm" for name in FINGER_LINKS[finger]
+    ]
+    own_parts = np.flatnonzero(np.isin(parts.link, staying_out))
+    put("own_part", own_parts, int)
+    arrays.keep_out_blocks, arrays.own_count = len(blocks), len(own_parts)
     put("contact_link", hand.contact_link, int)
     put("contact_point", hand.contact_points, wp.vec3)
     put("contact_opposes", [finger in OPPOSING_FINGERS for finger in hand.contact_finger], int)
@@ -234,6 +254,7 @@ def object_arrays(device: str, prepared: PreparedObject, energy: EnergyParameter
     arrays.torque_scale = torque_scale(prepared.extents, energy.scale_torque)
     arrays.table_height = prepared.bottom + style.table_clearance
     arrays.mount_height = prepared.bottom + (style.mount_clearance or 0.0)
+    arrays.keep_out_margin = style.keep_out_margin or 0.0
     return arrays
 
 
@@ -248,7 +269,8 @@ class EnergyScene:
 
         self.kernel = kernel
         self.device = device
-        self.hand = hand_arrays(device, energy.hand_points, style.mount_clearance is not None)
+        keep_out_for = None if style.keep_out_margin is None else fingers_used(style.finger_sets)
+        self.hand = hand_arrays(device, energy.hand_points, style.mount_clearance is not None, keep_out_for)
         self.scene = object_arrays(device, prepared, energy, style)
         self.energy = energy
 
@@ -324,6 +346,12 @@ def read_grasps(states: Any) -> Grasps:
         q=states.q.numpy().astype(np.float64),
         contacts=states.contacts.numpy().astype(np.int64),
     )
+
+
+def chosen(grasps: Grasps, rows: Sequence[int] | NDArray[np.int64]) -> Grasps:
+    """Return some grasps of a batch, in the order of ``rows``."""
+    index = np.asarray(rows, dtype=np.int64)
+    return Grasps(grasps.position[index], grasps.rotation[index], grasps.q[index], grasps.contacts[index])
 
 
 def contact_positions(hand: Hand, grasps: Grasps) -> NDArray[np.float64]:

@@ -41,7 +41,8 @@ def merge(first: str) -> None:
     from pipeline.records.tables import MERGED, VALIDATED, read_table, write_table
     from pipeline.records.writing import whole_folder
 
-    settings, physics, validate = parameters["merge"], parameters["physics"], parameters["validate"]
+    settings, validate = parameters["merge"], parameters["validate"]
+    physics = validate.for_floating_hand(parameters["physics"])
 
     def grasps(style: str, name: str) -> list[SingleGrasp]:
         table = read_table(paths.validated_file(style, name), VALIDATED, f"validate-{style}@{name}")

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.hand.allegro import FINGER_LINKS
+from pipeline.hand.moves import RING_JOINTS
 from pipeline.pairing.approach import ring_motion_clearance, second_approach
 from pipeline.pairing.clearance import (
     base_clearance,
@@ -19,7 +20,7 @@ from pipeline.pairing.clearance import (
     self_clearance,
     support_height,
 )
-from pipeline.pairing.grasps import RING_JOINTS, MergedGrasp, SingleGrasp, fingers_are_disjoint, join
+from pipeline.pairing.grasps import MergedGrasp, SingleGrasp, fingers_are_disjoint, join
 from pipeline.pairing.readiness import ReadyPinch
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.merge import MergeParameters

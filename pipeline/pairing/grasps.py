@@ -8,11 +8,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.hand.moves import finger_joints
+from pipeline.hand.moves import RING_JOINTS
 from pipeline.hand.parts import part_points
 from pipeline.records.poses import inverse_pose, pose_matrix, transform_points
-
-RING_JOINTS = finger_joints(["ring"])
 
 
 @dataclass(frozen=True)
@@ -40,7 +38,7 @@ class MergedGrasp:
     T_hand_object0: NDArray[np.float64]  # (4, 4)
     T_hand_object1: NDArray[np.float64]  # (4, 4)
     held_q: NDArray[np.float64]  # (16,) like q, but the pinching fingers as they are once they squeeze
-    T_hand_held0: NDArray[np.float64]  # (4, 4) of object 0 then; see pipeline.pairing.settling
+    T_hand_held0: NDArray[np.float64]  # (4, 4) of object 0 then; see pipeline.physics.settling
 
 
 def validated_grasps(table: pd.DataFrame) -> list[SingleGrasp]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.pairing.approach import first_opening
 from pipeline.pairing.grasps import SingleGrasp
-from pipeline.pairing.settling import settle_pinch
+from pipeline.physics.settling import settle_pinch
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.poses import inverse_pose
@@ -32,9 +32,8 @@ def ready_pinch(object0: PreparedObject, physics: PhysicsParameters | None, gras
     Args:
         physics: None: nothing settles, object and fingers stay as synthesized.
     """
-    if physics is None:
-        held_q, T_hand_held0 = grasp.q, inverse_pose(grasp.T_object_hand)
-    else:
-        held_q, T_hand_held0 = settle_pinch(grasp, object0, physics)
+    held_q, T_hand_held0 = grasp.q, inverse_pose(grasp.T_object_hand)
+    if physics is not None:
+        held_q, T_hand_held0 = settle_pinch(object0, T_hand_held0, grasp.q, grasp.squeeze_q, physics)
     open_q0, clearance = first_opening(grasp, object0)
     return ReadyPinch(grasp, held_q, T_hand_held0, open_q0, clearance)

@@ -46,6 +46,7 @@ CANDIDATES = pa.schema(
         ("energy_self_penetration", pa.float64()),  # m
         ("energy_joints", pa.float64()),  # rad beyond limits
         ("energy_offset", pa.float64()),  # m2, squared distance of the contacts' middle from the centre of mass
+        ("energy_keep_out", pa.float64()),  # m, sum over points that the other object of a pair and its fingers need
         ("rejected_by", pa.string()),
     ]
 )
@@ -66,6 +67,7 @@ VALIDATED = pa.schema(
         ("contact_only_pass", pa.bool_()),  # the paper's rule: some link presses in all six directions
         ("table_approach_push", pa.float64()),  # m, how far the object moved before the fingers closed
         ("table_drift", pa.float64()),  # m, motion in the hand from the end of the squeeze to the end of the hold
+        ("settling_drift", pa.float64()),  # m, motion in the hand under a gentle squeeze alone; pinch only
     ]
 )
 

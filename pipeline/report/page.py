@@ -139,8 +139,15 @@ def headline(content: PageContent) -> str:
         published = f" (paper {percent(paper.MINIMUM_SUCCESS[source])})" if source in paper.MINIMUM_SUCCESS else ""
         tiles.append(("main", percent(float(least)), f"success of the worst pair, {title}{published}"))
         tiles.append(("", str(summary[f"evaluate.{source}.trials"]), f"trials with the whole robot, {title}"))
+        reachable = percent(float(summary[f"evaluate.{source}.reachable_rate"]))
+        tiles.append(("", reachable, f"of grasps within reach of the arm, {title}: moves were found for both picks"))
     survival = percent(float(summary["validate.survival_rate_mean"]))
     tiles += [
+        (
+            "",
+            percent(float(summary["merge.acceptance_rate_mean"])),
+            "of random pairs of validated single grasps merge (mean over pairs)",
+        ),
         ("", str(summary["merge.grasps"]), f"two-object grasps, at least {summary['merge.min_per_pair']} per pair"),
         (
             "",
@@ -185,7 +192,7 @@ def success_section(content: PageContent, source: str, pairs: Sequence[PairTrial
         interval = f"{100 * low:.0f}–{100 * high:.0f}\u202f%"
         rows.append(
             [_pair(p.first, p.second), str(p.trials), str(p.successes), percent(p.success_rate), interval]
-            + [percent(p.success_rate_10cm), percent(p.planning_failure_rate)]
+            + [percent(p.success_rate_10cm), percent(p.planning_failure_rate), percent(p.reachable_rate)]
         )
     summary, prefix = content.summary, f"evaluate.{source}"
     rows.append(
@@ -193,6 +200,7 @@ def success_section(content: PageContent, source: str, pairs: Sequence[PairTrial
         + [percent(float(summary[f"{prefix}.success_rate_mean"])), ""]
         + [percent(float(summary[f"{prefix}.success_rate_mean_10cm"]))]
         + [percent(float(summary[f"{prefix}.planning_failure_rate"]))]
+        + [percent(float(summary[f"{prefix}.reachable_rate"]))]
     )
     criterion = f"{100 * content.success_height:g} cm, {content.hold_seconds:g} s"
     headers = [
@@ -203,6 +211,7 @@ def success_section(content: PageContent, source: str, pairs: Sequence[PairTrial
         "95 % interval",
         "success (10 cm)",
         "no plan found",
+        "grasps in reach",
     ]
     bars = [(_pair(p.first, p.second), {SUCCESS: p.successes, **p.reasons}) for p in pairs]
     return (
@@ -292,7 +301,8 @@ def single_section(funnels: Sequence[Funnel]) -> str:
     chains = [(name, {PASSED: f.passed, **f.synthesize_rejected}) for name, f in names]
     physics = [(name, {PASSED: f.validated, **f.validate_rejected}) for name, f in names]
     return (
-        "<p>A chain is one run of the optimiser from one start; the filter sets limits on the terms of its energy; the "
+        "<p>A chain gives one candidate, the best of its starts (<code>synthesize.*.starts</code>, each a run of the "
+        "optimiser); the filter sets limits on the terms of its energy; the "
         "grasps that pass it are tested in physics.</p>\n"
         "<p>The two columns of rates are not the same measure. Ours: grasps that passed every check of physics "
         "(contact <em>and</em> drift in six gravity directions, execution from a table) per chain run. Table I of the "

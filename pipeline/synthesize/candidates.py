@@ -55,7 +55,10 @@ def split_chains(request: Request) -> list[Block]:
 def first_states(
     block: Block, scene: EnergyScene
 ) -> tuple[Grasps, list[NDArray[np.float64]], NDArray[np.bool_], NDArray[np.int64]]:
-    """Return what the chains of a block start from: states, contact slots, free joints (16,), seeds of the chains."""
+    """Return what the chains of a block start from: states, contact slots, free joints (16,), seeds.
+
+    States and seeds are those of all starts, chain by chain. The first is what the chain would have alone.
+    """
     request, hand = block.request, load_hand()
     settings = request.settings
     key = "+".join(block.fingers)
@@ -63,8 +66,9 @@ def first_states(
         hand, block.fingers, settings.contacts[key], settings.links.get(key, ()), settings.free_contacts
     )
     identity = ("synthesize", request.prepared.name, request.style)
-    generators = [item_generator(request.run_seed, *identity, chain) for chain in block.chains]
-    seeds = np.array([item_seed(request.run_seed, *identity, chain) & 0x7FFFFFFF for chain in block.chains])
+    starts = [(chain, *([start] if start else [])) for chain in block.chains for start in range(settings.starts)]
+    generators = [item_generator(request.run_seed, *identity, *start) for start in starts]
+    seeds = np.array([item_seed(request.run_seed, *identity, *start) & 0x7FFFFFFF for start in starts])
     first = draw_seeds(scene, hand, request.style, settings, slots, generators)
     return first, slots, free_joints(request.style, settings), seeds
 
@@ -74,7 +78,8 @@ def run_block(block: Block) -> tuple[Grasps, Terms]:
     request, hand = block.request, load_hand()
     scene = EnergyScene(request.prepared, request.energy, request.settings, request.optimizer.device)
     first, slots, free, seeds = first_states(block, scene)
-    best, _ = run_chains(scene, request.optimizer, request.settings.iterations, first, slots, free, seeds)
+    settings = request.settings
+    best, _ = run_chains(scene, request.optimizer, settings.iterations, first, slots, free, seeds, settings.starts)
     # The energy only leans against the limits, so that the best state may lie a little beyond.
     best.q = np.clip(best.q, hand.lower, hand.upper)
     terms = scene.evaluate(best)[0]

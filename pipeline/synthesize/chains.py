@@ -3,8 +3,8 @@
 A proposal goes down the gradient, each degree of freedom scaled by the running root mean square of its own slope
 (per grasp), plus Langevin noise; some contacts are drawn anew. It is accepted by Metropolis' rule at a temperature
 that falls; proposals with a contact used twice are rejected. Step and temperature follow the published schedule, its
-periods shortened with the chain. The state of lowest energy is kept and polished: short RMSprop steps without noise,
-its contacts fixed.
+periods shortened with the chain. The state of lowest energy, of all starts of a chain where it has several, is kept
+and polished: short RMSprop steps without noise, its contacts fixed.
 
 A chain is determined by its first state and its seed, whatever chains run beside it. The settings of the released code
 (one preconditioner, one table term for the whole batch) are the exception: there it is determined by its batch.
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.energy.scene import EnergyScene, Grasps, Terms, read_grasps, read_terms
+from pipeline.energy.scene import EnergyScene, Grasps, Terms, chosen, read_grasps, read_terms
 from pipeline.records.parameters.synthesize import OptimizerParameters
 
 PUBLISHED_ITERATIONS = 6000  # the decay periods of the optimizer's parameters belong to chains of this length
@@ -133,17 +133,25 @@ def run_chains(
     slots: Sequence[NDArray[np.float64]],
     free: NDArray[np.bool_],
     seeds: NDArray[np.int64],
+    starts: int = 1,
 ) -> tuple[Grasps, Terms]:
     """Return what every chain ends with, and its terms: the best state (or the last one) annealed, then polished.
 
     Args:
-        iterations: length of each chain, before polishing.
-        first: (B,) first states.
-        slots, free, seeds: see :func:`launch_chains`.
+        iterations: length of each start, before polishing.
+        first: (B * starts,) first states, the starts of a chain one after the other.
+        slots, free: see :func:`launch_chains`.
+        seeds: (B * starts,) 31-bit seeds of the starts.
+        starts: how many a chain has; all are annealed, the one of lowest energy is polished.
     """
     current, best = scene.states(first), scene.states(first)
     launch_chains(scene, optimizer, iterations, current, best, slots, free, seeds)
     best = best if optimizer.keep_best else current
+    if starts > 1:
+        energy = best.energy.numpy().reshape(-1, starts)
+        lowest = starts * np.arange(len(energy)) + energy.argmin(axis=1)
+        best, seeds = scene.states(chosen(read_grasps(best), lowest)), seeds[lowest]
+        scene.launch_evaluation(best, scene.scratch(read_grasps(best)), scene.weights())
     if optimizer.polish_iterations > 0:
         current = scene.states(read_grasps(best))
         launch_chains(scene, _polish(optimizer), optimizer.polish_iterations, current, best, slots, free, seeds)

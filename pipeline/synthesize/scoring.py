@@ -53,7 +53,7 @@ def score_exactly(
 ) -> tuple[Terms, NDArray[np.float64], NDArray[np.float64]]:
     """Return terms with force closure, distance and energy taken from the mesh, contact points and normals (B, n, 3).
 
-    The other terms do not use the distance grid, so they are exact already.
+    The others do not use the distance grid, so they are exact already; but for the keep-out term, which only steers.
     """
     points = contact_positions(hand, grasps)
     distance, normals = ExactSurface(prepared).distance_and_normal(points.reshape(-1, 3))
@@ -64,7 +64,7 @@ def score_exactly(
     total = (
         energy.weight_force_closure * exact.force_closure
         + energy.weight_distance * exact.distance
-        + energy.weight_penetration * (exact.penetration + exact.table)
+        + energy.weight_penetration * (exact.penetration + exact.table + exact.keep_out)
         + energy.weight_self_penetration * exact.self_penetration
         + energy.weight_joints * exact.joints
         + energy.weight_offset * exact.offset

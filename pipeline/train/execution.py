@@ -11,14 +11,12 @@ from numpy.typing import NDArray
 
 from pipeline.hand.allegro import Hand
 from pipeline.hand.approach import EXTENDED_FINGER, choose_approach
-from pipeline.hand.moves import finger_joints, squeeze_joints
+from pipeline.hand.moves import RING_JOINTS, squeeze_joints
 from pipeline.pairing.grasps import SingleGrasp
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.records.poses import inverse_pose
 from pipeline.train.contacts import Contacts
-
-RING = finger_joints(["ring"])
 
 
 def single_grasps(
@@ -44,7 +42,7 @@ def single_grasps(
         inward = -own.normals[index] @ T_hand_object[slot, :3, :3].T
         posture = q.copy()
         if style == "pinch":  # while the hand comes to object 0, nothing is in the ring finger yet
-            posture[RING] = EXTENDED_FINGER
+            posture[RING_JOINTS] = EXTENDED_FINGER
         T_object_hand = inverse_pose(T_hand_object[slot])
         opening = limits.pinch_opening if style == "pinch" else limits.side_opening
         approach = choose_approach(

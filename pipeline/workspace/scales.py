@@ -1,7 +1,7 @@
 """`params.yaml` composed from `conf/`: by DVC's own Hydra composition, and never over hand edits by accident.
 
 `conf/config.yaml` holds what all scales share, `conf/scale/<scale>.yaml` what differs, `conf/preset/<preset>.yaml`
-what replaces the settings of the synthesis or of the model. The composed file is committed,
+what replaces settings of synthesis, validation or the model. The composed file is committed,
 because DVC and the stages read it alone; it may be edited by hand at any time.
 """
 
@@ -18,6 +18,8 @@ import yaml
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import read_parameters
+from pipeline.records.writing import whole_file
+from pipeline.workspace.parameter_text import own_meshes, with_mesh, without_meshes
 
 CONFIG_FOLDER = Path("conf")
 CONFIG_NAME = "config"
@@ -61,18 +63,33 @@ def flatten(content: Any, prefix: str = "") -> dict[str, Any]:
     }
 
 
-def differences(scale: str, preset: str = DEFAULT_PRESET) -> list[str]:
-    """Return the dotted names of the values in which ``params.yaml`` differs from what ``conf/`` composes."""
+def differences(scale: str, preset: str = DEFAULT_PRESET, count_meshes: bool = True) -> list[str]:
+    """Return the dotted names of the values in which ``params.yaml`` differs from what ``conf/`` composes.
+
+    Args:
+        count_meshes: whether objects under ``meshes``, and their place in the styles, are differences.
+    """
+    present = yaml.safe_load(paths.PARAMETERS_FILE.read_text())
     with tempfile.TemporaryDirectory() as folder:
         composed = Path(folder) / "params.yaml"
         compose(scale, composed, preset)
-        here, there = (flatten(yaml.safe_load(path.read_text())) for path in (paths.PARAMETERS_FILE, composed))
+        here = flatten(present if count_meshes else without_meshes(present))
+        there = flatten(yaml.safe_load(composed.read_text()))
     absent = object()
     return sorted(name for name in here.keys() | there.keys() if here.get(name, absent) != there.get(name, absent))
 
 
 def _named(names: list[str]) -> str:
     return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+
+
+def _own_meshes_of_a_sound_file() -> dict[str, tuple[dict[str, Any], list[str]]]:
+    """Return the objects under ``meshes`` in ``params.yaml``; none where the file is missing or refused."""
+    try:
+        read_parameters()
+    except UserError:
+        return {}
+    return own_meshes(yaml.safe_load(paths.PARAMETERS_FILE.read_text()))
 
 
 def _title(scale: str, preset: str) -> str:
@@ -82,19 +99,31 @@ def _title(scale: str, preset: str) -> str:
 def switch(scale: str, force: bool, preset: str = DEFAULT_PRESET) -> str:
     """Compose ``params.yaml`` for ``scale`` and ``preset`` and return what to tell the user.
 
+    The user's own objects (``meshes``) belong to no scale: they are kept, in the styles that list them, also with
+    ``force``.
+
     Raises:
         UserError: ``params.yaml`` holds hand edits and ``force`` is not set.
     """
+    own = _own_meshes_of_a_sound_file()
     if paths.PARAMETERS_FILE.exists() and not force:
         present = read_parameters()
-        edited = differences(present.scale, present.preset)
+        edited = differences(present.scale, present.preset, count_meshes=False)
         if edited:
             raise UserError(
                 f"params.yaml differs from the {_title(present.scale, present.preset)} of conf/ in {_named(edited)}; "
                 "add --force to overwrite it, or leave out --scale to use it as it is."
             )
-    compose(scale, paths.PARAMETERS_FILE, preset)
-    return f"{_title(scale, preset)}, composed from conf/ into params.yaml"
+    with tempfile.TemporaryDirectory() as folder:
+        composed = Path(folder) / "params.yaml"
+        compose(scale, composed, preset)
+        text = composed.read_text()
+    for name, (entry, styles) in own.items():
+        text = with_mesh(text, name, entry, styles)
+    with whole_file(paths.PARAMETERS_FILE) as temporary:
+        temporary.write_text(text)
+    kept = f"; kept from meshes: {', '.join(own)}" if own else ""
+    return f"{_title(scale, preset)}, composed from conf/ into params.yaml{kept}"
 
 
 def describe() -> str:

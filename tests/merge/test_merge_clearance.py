@@ -7,6 +7,7 @@ import pytest
 
 from pipeline.hand.allegro import TIP_RADIUS, load_hand
 from pipeline.hand.kinematics import link_poses
+from pipeline.hand.moves import RING_JOINTS
 from pipeline.hand.surface import T_LINK7_HAND
 from pipeline.pairing.clearance import (
     distance_to_links,
@@ -20,7 +21,7 @@ from pipeline.pairing.clearance import (
     self_clearance,
     support_height,
 )
-from pipeline.pairing.grasps import RING_JOINTS, join
+from pipeline.pairing.grasps import join
 from pipeline.records.poses import inverse_pose, transform_points
 from tests.merge.constructed import PALM_FACE, box, cylinder, pinch, side
 

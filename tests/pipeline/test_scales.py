@@ -61,7 +61,11 @@ def test_the_official_preset_has_the_released_settings_on_any_scale(project, sca
     assert missing(Parameters, official) == []
     assert (official["scale"], official["preset"]) == (scale, "official")
     changed = {name for name in flatten(ours) if flatten(official).get(name) != flatten(ours)[name]}
-    assert {name.split(".")[0] for name in changed} == {"synthesize", "preset"}
+    assert {name.split(".")[0] for name in changed} == {"synthesize", "validate", "preset"}
+    # Of the validation its cost, not its verdict.
+    costs = {"contact_offset": 0.02, "early_rejection": False}
+    assert {name for name in changed if name.startswith("validate.")} == {f"validate.{name}" for name in costs}
+    assert costs.items() <= official["validate"].items()
     chains = official["synthesize"]["optimizer"]
     released = {"step": 0.005, "step_period": 50, "switch_probability": 0.5, "temperature": 18.0, "noise": 0.0}
     released |= {"temperature_period": 30, "momentum": 0.02, "polish_iterations": 0, "batch_table_term": False}

@@ -6,12 +6,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pipeline.energy.scene import EnergyScene
 from pipeline.hand.allegro import load_hand
 from pipeline.records.parameters import load_parameters
 from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters, StyleParameters
 from pipeline.records.tables import CANDIDATES, write_table
 from pipeline.synthesize.__main__ import sections
-from pipeline.synthesize.candidates import Request, split_chains, synthesize, touching
+from pipeline.synthesize.candidates import Request, first_states, split_chains, synthesize, touching
 from tests.synthesize import shapes
 
 SETS = StyleParameters(
@@ -19,6 +20,7 @@ SETS = StyleParameters(
     contacts={"thumb+index": 2, "thumb+index+middle": 3},
     links={"thumb+index+middle": ["link_15.0_tip", "link_3.0_tip", "link_7.0_tip"]},
     chains=40,
+    starts=2,
     iterations=600,
     table_clearance=0.005,
 )
@@ -61,6 +63,18 @@ def test_more_chains_leave_the_earlier_ones_as_they_are(rows):
     np.testing.assert_array_equal(np.stack(longer["q"].tolist())[:40], np.stack(rows["q"].tolist()))
 
 
+def test_the_first_of_several_starts_is_that_of_a_chain_with_one():
+    """And the others are first hands of their own, with seeds of their own."""
+    several, one = request(chains=10, starts=3), request(chains=10, starts=1)
+    scene = EnergyScene(one.prepared, one.energy, one.settings)
+    for many_block, block in zip(split_chains(several), split_chains(one), strict=True):
+        first, _, _, seeds = first_states(block, scene)
+        firsts, _, _, all_seeds = first_states(many_block, scene)
+        np.testing.assert_array_equal(firsts.q[::3], first.q)
+        np.testing.assert_array_equal(all_seeds[::3], seeds)
+        assert len(set(all_seeds.tolist())) == len(np.unique(firsts.q, axis=0)) == 3 * len(block.chains)
+
+
 def test_every_chain_is_in_one_block():
     blocks = split_chains(request(chains=101))
     assert sorted(chain for block in blocks for chain in block.chains) == list(range(101))
@@ -86,7 +100,7 @@ def test_the_official_preset_finds_grasps_too():
     settings = SETS.model_copy(
         update={
             "chains": 24, "iterations": 2000, "free_contacts": True, "released_seeds": True,
-            "finger_sets": [["thumb", "index"]], "contacts": {"thumb+index": 2}, "links": {},
+            "starts": 1, "finger_sets": [["thumb", "index"]], "contacts": {"thumb+index": 2}, "links": {},
         }
     )  # fmt: skip
     asked = Request(shapes.box(), "pinch", 3, energy, official, settings)

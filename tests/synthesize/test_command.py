@@ -78,7 +78,7 @@ def test_every_chain_has_a_row_and_the_bytes_do_not_depend_on_workers(workplace,
     total = (
         weights["weight_force_closure"] * rows["energy_force_closure"]
         + weights["weight_distance"] * rows["energy_distance"]
-        + weights["weight_penetration"] * (rows["energy_penetration"] + rows["energy_table"])
+        + weights["weight_penetration"] * (rows["energy_penetration"] + rows["energy_table"] + rows["energy_keep_out"])
         + weights["weight_self_penetration"] * rows["energy_self_penetration"]
         + weights["weight_joints"] * rows["energy_joints"]
         + weights["weight_offset"] * rows["energy_offset"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -75,7 +77,7 @@ def test_torques_are_measured_in_half_middle_extents():
 
 
 def terms(**values: float) -> Terms:
-    names = ("energy", "force_closure", "distance", "penetration", "table", "self_penetration", "joints", "offset")
+    names = [field.name for field in fields(Terms)]
     return Terms(**{name: np.array([values.get(name, 0.0)]) for name in names})
 
 

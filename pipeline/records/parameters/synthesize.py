@@ -109,12 +109,26 @@ class StyleParameters(Section):
         "contact of its own. Paper's code: true.",
     )
     chains: int = Field(256, ge=1, le=100000, description="Independent chains (candidates).")
-    iterations: int = Field(1500, ge=1, le=100000, description="Length of each chain. Paper: 6000.")
+    starts: int = Field(
+        1,
+        ge=1,
+        le=64,
+        description="Starts of each chain: hands of their own, annealed one by one; the one of lowest energy is "
+        "polished and is the chain's only candidate. Paper: 1.",
+    )
+    iterations: int = Field(1500, ge=1, le=100000, description="Length of each start of a chain. Paper: 6000.")
     table_clearance: float = Field(
         0.0, ge=0, le=0.1, description="Height of the hand over the support plane, m. Paper's code: ground_offset."
     )
     mount_clearance: float | None = Field(
         None, description="Height of flange and mount over the support plane, m; null leaves them out. Paper: left out."
+    )
+    keep_out_margin: float | None = Field(
+        None,
+        ge=0,
+        le=0.02,
+        description="Distance of the object to where the other style's fingers and object may be, m; null: no such "
+        "places. Paper: none.",
     )
     distance_from_palm: tuple[float, float] = Field(
         (0.05, 0.25), description="First distance palm to object, m. Paper's code: 0.05-0.25."

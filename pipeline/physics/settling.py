@@ -1,6 +1,6 @@
 """The pinched object in the squeezing fingers: it settles some millimetres away from the synthesized grasp.
 
-The hand comes to object 1 in this state, so distances and sweeps are taken in it.
+The hand comes to the second object in this state, so merge takes distances and sweeps in it.
 """
 
 from __future__ import annotations
@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.hand.approach import EXTENDED_FINGER
-from pipeline.pairing.grasps import RING_JOINTS, SingleGrasp
+from pipeline.hand.moves import RING_JOINTS
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
-from pipeline.records.poses import inverse_pose
 
 RAMP_SECONDS = 0.5
 DWELL_SECONDS = 0.3
@@ -20,21 +19,29 @@ RAMP_STEPS = 25
 
 
 def settle_pinch(
-    grasp: SingleGrasp, object0: PreparedObject, settings: PhysicsParameters
+    prepared: PreparedObject,
+    T_hand_object: NDArray[np.float64],
+    q: NDArray[np.float64],
+    squeeze_q: NDArray[np.float64],
+    settings: PhysicsParameters,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return joint angles (16,) and ``T_hand_object0`` (4, 4) as physics leaves them after the squeeze.
+    """Return joint angles (16,) and ``T_hand_object`` (4, 4) as physics leaves them after a gentle squeeze.
 
-    Without gravity, whose direction changes on the way, and without object 1; the ring finger is straight.
+    Without gravity, whose direction changes on the way, and without a second object; the ring finger is straight.
+
+    Args:
+        T_hand_object: (4, 4) in the synthesized grasp.
+        q, squeeze_q: (16,) joints of the grasp, and drive targets that press its contacts together, rad.
     """
     from pipeline.physics.bodies import add_object
     from pipeline.physics.robots import add_robot
     from pipeline.physics.world import make_world
 
-    start, target = grasp.q.copy(), grasp.squeeze_q.copy()
-    start[RING_JOINTS] = target[RING_JOINTS] = EXTENDED_FINGER  # away from object 0
+    start, target = q.copy(), squeeze_q.copy()
+    start[RING_JOINTS] = target[RING_JOINTS] = EXTENDED_FINGER  # away from the object
     world = make_world(settings, np.zeros(3))
     robot = add_robot(world, settings, False, np.eye(4), start)
-    body = add_object(world, object0, settings, inverse_pose(grasp.T_object_hand))
+    body = add_object(world, prepared, settings, T_hand_object)
     for step in range(1, RAMP_STEPS + 1):
         robot.set_targets(start + (target - start) * (step / RAMP_STEPS))
         world.step(world.steps(RAMP_SECONDS / RAMP_STEPS))
