@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -71,9 +72,15 @@ def build_scene(
     objects: tuple[PreparedObject, PreparedObject],
     settings: EvaluateParameters,
     physics: PhysicsParameters,
-    offsets: NDArray[np.float64],
+    poses: tuple[NDArray[np.float64], NDArray[np.float64]],
+    others: Sequence[tuple[PreparedObject, NDArray[np.float64]]] = (),
 ) -> Scene:
-    """Build the physics of one trial, robot in its start posture; nothing has moved yet."""
+    """Build the physics of one sequence, robot in its start posture; nothing has moved yet.
+
+    Args:
+        poses: ``T_world_object`` (4, 4) of the two objects.
+        others: objects that stand around, with their ``T_world_object``.
+    """
     from pipeline.physics.bodies import add_object, add_support
     from pipeline.physics.robots import add_robot
     from pipeline.physics.world import make_world
@@ -85,10 +92,9 @@ def build_scene(
         world, physics, np.array(TABLE_SIZE) / 2, _centred(TABLE_X, -TABLE_SIZE[2] / 2), kinematic=False, name="table"
     )
     add_support(world, physics, sponge / 2, _centred(SPONGE_X, sponge[2] / 2), kinematic=False, name="sponge")
-    poses = placed(objects, settings, offsets)
     bodies = [
         add_object(world, prepared, physics, T, name=f"object{index}")
-        for index, (prepared, T) in enumerate(zip(objects, poses, strict=True))
+        for index, (prepared, T) in enumerate([*zip(objects, poses, strict=True), *others])
     ]
     return Scene(world=world, robot=robot, objects=(bodies[0], bodies[1]))
 
