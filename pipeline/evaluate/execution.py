@@ -136,7 +136,7 @@ class Run:
         return {
             "phase": self.phase,
             "success": reason == "",
-            "success_10cm": bool(rises) and min(rises) > RELEASED_HEIGHT,
+            "success_10cm": bool(rises and min(rises) > RELEASED_HEIGHT),
             "reason": reason,
             "height0": float(self.heights[0]),
             "height1": float(self.heights[1]),

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.robot import ARM_JOINT_NAMES, ROBOT_JOINT_NAMES
 from pipeline.hand.allegro import JOINT_NAMES, load_hand
+from pipeline.hand.robot import ARM_JOINT_NAMES, ROBOT_JOINT_NAMES
 
 # Franka Emika Panda, "Robot and interface specifications", table of joint limits
 # (https://frankaemika.github.io/docs/control_parameters.html). The interface refuses motions that exceed any of them.

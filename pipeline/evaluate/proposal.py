@@ -40,9 +40,7 @@ class Table:
     others: tuple[StandingObject, ...] = ()
 
 
-def propose(
-    table: Table, grasp: TwoObjectGrasp, settings: EvaluateParameters, rng: np.random.Generator
-) -> list[Phase]:
+def propose(table: Table, grasp: TwoObjectGrasp, settings: EvaluateParameters, rng: np.random.Generator) -> list[Phase]:
     """Return all phases from the start posture to the hold.
 
     Raises:

@@ -13,9 +13,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.compute.fan_out import fan_out
-from pipeline.pictures.camera import framing, look_at
+from pipeline.pictures.camera import framing
 from pipeline.pictures.render import Body, render
-from pipeline.pictures.robot import hand_bodies, robot_bodies
+from pipeline.pictures.robot import hand_bodies
+from pipeline.pictures.table_scene import moment_picture
 from pipeline.records.objects import PreparedObject, load_prepared_object
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.report import ReportParameters
@@ -36,10 +37,6 @@ from pipeline.report.scene import (
 )
 from pipeline.report.tables import Tables
 
-# Where the evaluation puts its sponge, in the world frame (the robot's base): only the look of pictures depends on it.
-SPONGE_X, SPONGE_SIZE = 0.5, 0.4  # m
-SPONGE_COLOUR = (0.58, 0.62, 0.54)
-CAMERA_POSITION, CAMERA_TARGET, CAMERA_DEGREES = (1.55, -0.62, 0.70), (0.46, 0.0, 0.28), 27.0
 GRASP_AZIMUTH, GRASP_ELEVATION = 29.0, 13.0  # degrees; as the first view in ``viewer.js``
 POSTER_SIZE = (400, 400)  # pixels
 HAND_LIGHTENING = 0.3  # the interactive view has no fill light: dark links would be black
@@ -162,11 +159,10 @@ def trial_strip(
     pictures = []
     for moment in moments:
         world = np.asarray([trial["snapshot_pose0"][moment], trial["snapshot_pose1"][moment]], dtype=np.float64)
-        bodies = robot_bodies(np.asarray(trial["snapshot_robot_q"][moment], dtype=np.float64))
-        bodies += _object_bodies(pair, list(pose_matrix(world[:, :3], world[:, 3:])))
-        bodies.append(_sponge(evaluate.sponge_height))
-        camera = look_at(CAMERA_POSITION, CAMERA_TARGET, CAMERA_DEGREES)
-        pictures.append(as_jpeg(render(bodies, camera, settings.picture_width, settings.picture_height, floor=0.0)))
+        robot_q = np.asarray(trial["snapshot_robot_q"][moment], dtype=np.float64)
+        bodies = _object_bodies(pair, list(pose_matrix(world[:, :3], world[:, 3:])))
+        size = settings.picture_width, settings.picture_height
+        pictures.append(as_jpeg(moment_picture(robot_q, bodies, evaluate.sponge_height, *size)))
     success = bool(trial["success"])
     outcome = "success" if success else f"failed: {trial['reason']}"
     return Strip(
@@ -176,15 +172,6 @@ def trial_strip(
         pictures=pictures,
         failed=not success,
     )
-
-
-def _sponge(height: float) -> Body:
-    import trimesh
-
-    T = np.eye(4)
-    T[:3, 3] = (SPONGE_X, 0.0, height / 2)
-    box = trimesh.creation.box((SPONGE_SIZE, SPONGE_SIZE, height))
-    return Body(np.asarray(box.vertices), np.asarray(box.faces), SPONGE_COLOUR, T)
 
 
 def as_jpeg(picture: NDArray[np.uint8]) -> bytes:

@@ -1,0 +1,40 @@
+"""The robot at its table: one moment of a sequence as a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.pictures.camera import look_at
+from pipeline.pictures.render import Body, render
+from pipeline.pictures.robot import robot_bodies
+
+# Where the evaluation puts its sponge, in the world frame (the robot's base): only the look of pictures depends on it.
+SPONGE_X, SPONGE_SIZE = 0.5, 0.4  # m
+SPONGE_COLOUR = (0.58, 0.62, 0.54)
+CAMERA_POSITION, CAMERA_TARGET, CAMERA_DEGREES = (1.55, -0.62, 0.70), (0.46, 0.0, 0.28), 27.0
+
+
+def moment_picture(
+    robot_q: NDArray[np.float64], objects: Sequence[Body], sponge_height: float, width: int, height: int
+) -> NDArray[np.uint8]:
+    """Return a picture (height, width, 3) of the robot at ``robot_q`` (23,), rad, objects and sponge.
+
+    Args:
+        objects: placed in the world frame.
+        sponge_height: m.
+    """
+    bodies = [*robot_bodies(robot_q), *objects, _sponge(sponge_height)]
+    camera = look_at(CAMERA_POSITION, CAMERA_TARGET, CAMERA_DEGREES)
+    return render(bodies, camera, width, height, floor=0.0)
+
+
+def _sponge(height: float) -> Body:
+    import trimesh
+
+    T = np.eye(4)
+    T[:3, 3] = (SPONGE_X, 0.0, height / 2)
+    box = trimesh.creation.box((SPONGE_SIZE, SPONGE_SIZE, height))
+    return Body(np.asarray(box.vertices), np.asarray(box.faces), SPONGE_COLOUR, T)
