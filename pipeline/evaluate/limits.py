@@ -24,6 +24,9 @@ HAND_TORQUE_SOURCE = "Wonik Robotics, Allegro Hand: data sheet (0.7 N m)"
 HAND_VELOCITY = 3.14  # rad/s
 HAND_TORQUE = 0.7  # N m
 ROUNDING = 1e-9  # share of a limit
+OTHER_GRASP = "choose another grasp with --merged-id"
+SLOWER = "lengthen evaluate.open_seconds or evaluate.close_seconds in params.yaml, or choose another grasp"
+WEAKER = "lower physics.hand_torque_limit in params.yaml"
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,7 @@ class Check:
     time: float  # s
     phase: str
     source: str
+    mend: str
 
     @property
     def passed(self) -> bool:
@@ -61,7 +65,7 @@ class Check:
         bound = self.upper if self.value > (self.lower + self.upper) / 2 else self.lower
         return (
             f"{self.name} of {self.joint} is {self.value:.4g} {self.unit} at {self.time:.2f} s ({self.phase}), beyond "
-            f"the hardware's {bound:.4g} {self.unit}"
+            f"the hardware's {bound:.4g} {self.unit}; {self.mend}"
         )
 
 
@@ -74,8 +78,13 @@ def _check(
     joints: tuple[str, ...],
     waypoints: Waypoints,
     source: str,
+    mend: str,
 ) -> Check:
-    """Return the worst use of a range; ``values`` (n, joints) are at the way-points, or before each but the first."""
+    """Return the worst use of a range.
+
+    Args:
+        values: (m, joints) at the last m way-points.
+    """
     middle, half = (lower + upper) / 2, (upper - lower) / 2
     used = np.abs(values - middle) / half
     row, joint = np.unravel_index(int(used.argmax()), used.shape)
@@ -91,6 +100,7 @@ def _check(
         time=float(waypoints.times[moment]),
         phase=waypoints.phases[moment],
         source=source,
+        mend=mend,
     )
 
 
@@ -129,22 +139,24 @@ def check_limits(waypoints: Waypoints, squeeze_torque: NDArray[np.float64]) -> l
     arm_speed = np.where(np.abs(told) > np.abs(speeds[:, :7]), told, speeds[:, :7])
     acceleration = np.diff(waypoints.arm_velocity, axis=0) / step
     jerk = np.diff(acceleration, axis=0, prepend=np.zeros((1, 7))) / step
-    limits, ones = load_hand(), np.ones(16)
-    torque, hand_speed = HAND_TORQUE * ones, HAND_VELOCITY * ones
+    hand_limits, ones = load_hand(), np.ones(16)
 
     def of_arm(name: str, unit: str, values: NDArray[np.float64], limit: NDArray[np.float64]) -> Check:
-        return _check(name, unit, values, -limit, limit, ARM_JOINT_NAMES, waypoints, ARM_SOURCE)
+        return _check(name, unit, values, -limit, limit, ARM_JOINT_NAMES, waypoints, ARM_SOURCE, OTHER_GRASP)
 
-    def of_hand(name: str, values: NDArray[np.float64]) -> Check:
-        return _check(name, "N m", values, -torque, torque, JOINT_NAMES, waypoints, HAND_TORQUE_SOURCE)
+    def of_hand(
+        name: str, unit: str, values: NDArray[np.float64], limit: float, source: str, mend: str = OTHER_GRASP
+    ) -> Check:
+        return _check(name, unit, values, -limit * ones, limit * ones, JOINT_NAMES, waypoints, source, mend)
 
+    lower, upper = hand_limits.lower, hand_limits.upper
     return [
-        _check("arm position", "rad", arm, ARM_LOWER, ARM_UPPER, ARM_JOINT_NAMES, waypoints, ARM_SOURCE),
+        _check("arm position", "rad", arm, ARM_LOWER, ARM_UPPER, ARM_JOINT_NAMES, waypoints, ARM_SOURCE, OTHER_GRASP),
         of_arm("arm velocity", "rad/s", arm_speed, ARM_VELOCITY),
         of_arm("arm acceleration", "rad/s2", acceleration, ARM_ACCELERATION),
         of_arm("arm jerk", "rad/s3", jerk, ARM_JERK),
-        _check("hand position", "rad", hand, limits.lower, limits.upper, JOINT_NAMES, waypoints, HAND_SOURCE),
-        _check("hand velocity", "rad/s", speeds[:, 7:], -hand_speed, hand_speed, JOINT_NAMES, waypoints, HAND_SOURCE),
-        of_hand("hand torque of squeezing", squeeze_torque[None]),
-        of_hand("hand torque of the fingers' own weight", weight_torques(q)),
+        _check("hand position", "rad", hand, lower, upper, JOINT_NAMES, waypoints, HAND_SOURCE, OTHER_GRASP),
+        of_hand("hand velocity", "rad/s", speeds[:, 7:], HAND_VELOCITY, HAND_SOURCE, SLOWER),
+        of_hand("hand torque of squeezing", "N m", squeeze_torque[None], HAND_TORQUE, HAND_TORQUE_SOURCE, WEAKER),
+        of_hand("hand torque of the fingers' weight", "N m", weight_torques(q), HAND_TORQUE, HAND_TORQUE_SOURCE),
     ]

@@ -47,11 +47,10 @@ def plan(
     from pipeline.evaluate.proposal import plan_csv, plan_record, propose, squeeze_torque, waypoints_of
     from pipeline.pictures.picture import png_bytes
     from pipeline.records.seeds import item_generator
-    from pipeline.records.writing import check_writable, whole_file, write_json
+    from pipeline.records.writing import whole_file, write_json
 
     grasp, names = _grasp(source, merged_id)
     table = _table(names, places, settings)
-    check_writable(output / "plan.json")
     rng = item_generator(parameters["seed"], "plan", *names, grasp.merged_id)
     waypoints = waypoints_of(propose(table, grasp, settings, rng), settings.control_frequency)
     checks = check_limits(waypoints, squeeze_torque(grasp, physics))
@@ -61,7 +60,7 @@ def plan(
     failed = [check for check in checks if not check.passed]
     if failed:
         more = f" ({len(failed) - 1} more, see {output / 'plan.json'})" if len(failed) > 1 else ""
-        raise UserError(f"{failed[0].sentence()}{more}; no plan.csv is written for a robot.")
+        raise UserError(f"{failed[0].sentence()}{more}, as no plan.csv is written now.")
     with whole_file(output / "plan.csv") as temporary:
         temporary.write_text(plan_csv(waypoints), encoding="utf-8")
     print(

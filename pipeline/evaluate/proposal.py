@@ -6,6 +6,7 @@ import csv
 import io
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -44,12 +45,19 @@ def propose(table: Table, grasp: TwoObjectGrasp, settings: EvaluateParameters, r
     """Return all phases from the start posture to the hold.
 
     Raises:
-        UserError: one of the picks has no motion.
+        UserError: objects stand in each other, or one of the picks has no motion.
     """
-    first, second, *others = (
-        object_obstacle(item.prepared, f"object{index}").at(item.T_world_object)
-        for index, item in enumerate((*table.objects, *table.others))
-    )
+    from pipeline.motion.collisions import overlap
+
+    standing = (*table.objects, *table.others)
+    obstacles = [
+        object_obstacle(item.prepared, f"object{index}").at(item.T_world_object) for index, item in enumerate(standing)
+    ]
+    for (index, one), (number, other) in combinations(enumerate(obstacles), 2):
+        if overlap(one, other):
+            names = " and ".join(standing[which].prepared.name for which in (index, number))
+            raise UserError(f"{names} would stand in each other; place them apart.")
+    first, second, *others = obstacles
     start = Posture(START_ARM, START_HAND)
     picks = plan_both(grasp, Surroundings(first, second, tuple(others)), start.arm, settings, rng)
     for pick, item in zip(picks, table.objects, strict=True):

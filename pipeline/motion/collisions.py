@@ -47,6 +47,21 @@ class Obstacle:
         return Obstacle(self.name, self.shapes, np.asarray(pose, np.float64))
 
 
+def overlap(one: Obstacle, other: Obstacle) -> bool:
+    """Whether two things at their poses are in each other."""
+    import coal
+
+    def placed(thing: Obstacle) -> Any:
+        return coal.Transform3s(thing.pose[:3, :3], thing.pose[:3, 3])
+
+    request = coal.CollisionRequest()
+    return any(
+        coal.collide(first, placed(one), second, placed(other), request, coal.CollisionResult()) > 0
+        for first in one.shapes
+        for second in other.shapes
+    )
+
+
 def _hand_hull(arm: ArmModel) -> Any:
     """Convex hull of flange, mount and hand, in the frame of the last joint."""
     points = []
