@@ -19,11 +19,13 @@ from pydantic import Field, ValidationError, model_validator
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
+from pipeline.records.parameters.capture import CaptureParameters, RenderingParameters
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.objects import MeshParameters, ObjectParameters, StylesParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.prepare import PrepareParameters
+from pipeline.records.parameters.reconstruct import ReconstructParameters
 from pipeline.records.parameters.report import ComputeParameters, ReportParameters, TrackParameters
 from pipeline.records.parameters.section import Section
 from pipeline.records.parameters.synthesize import SynthesizeParameters
@@ -40,12 +42,15 @@ class Parameters(Section):
     styles: StylesParameters
     objects: dict[str, ObjectParameters] = Field(description="Objects from packages and recipes, by name.")
     meshes: dict[str, MeshParameters] = Field(description="Objects from the user's own files, by name.")
+    renderings: dict[str, RenderingParameters] = Field(description="Rendered captures, by name.")
+    captures: dict[str, CaptureParameters] = Field(description="Captures to reconstruct, by name.")
     prepare: PrepareParameters
     synthesize: SynthesizeParameters
     physics: PhysicsParameters
     validate_: ValidateParameters = Field(alias="validate")
     merge: MergeParameters
     evaluate: EvaluateParameters
+    reconstruct: ReconstructParameters
     report: ReportParameters
     track: TrackParameters
     compute: ComputeParameters
