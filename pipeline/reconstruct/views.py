@@ -1,0 +1,66 @@
+"""Metric views: undistorted photos with pinhole cameras in the scene frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.reconstruct.alignment import Similarity
+from pipeline.reconstruct.sparse import SparseView
+
+
+@dataclass(frozen=True)
+class View:
+    """An undistorted photo and its pinhole camera."""
+
+    name: str
+    image: NDArray[np.float32]  # (h, w), 0 to 1
+    usable: NDArray[np.bool_] | None  # (h, w)
+    K: NDArray[np.float64]  # (3, 3), pixel centres at .5
+    T_camera_scene: NDArray[np.float64]  # (4, 4), m
+
+    @property
+    def centre(self) -> NDArray[np.float64]:
+        """Where the camera is (3,), scene frame."""
+        return np.asarray(-self.T_camera_scene[:3, :3].T @ self.T_camera_scene[:3, 3])
+
+    def project(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return pixels (n, 2) and depths (n,) of scene points (n, 3)."""
+        local = points @ self.T_camera_scene[:3, :3].T + self.T_camera_scene[:3, 3]
+        pixels = local @ self.K.T
+        depth = local[:, 2]
+        return pixels[:, :2] / np.where(np.abs(depth) > 1e-9, depth, 1e-9)[:, None], depth
+
+    def lift(self, pixels: NDArray[np.float64], depth: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return scene points (n, 3) of pixels (n, 2) at depths (n,)."""
+        rays = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1) @ np.linalg.inv(self.K).T
+        return np.asarray((rays * depth[:, None] - self.T_camera_scene[:3, 3]) @ self.T_camera_scene[:3, :3])
+
+
+def undistorted(view: SparseView, similarity: Similarity) -> View:
+    """Return the metric pinhole view of a posed photo: same size and focal length, principal point in the middle."""
+    import cv2
+
+    width, height = view.photo.size
+    focal = view.camera.mean_focal_length()
+    K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
+    x = (np.arange(width) + 0.5 - width / 2) / focal
+    y = (np.arange(height) + 0.5 - height / 2) / focal
+    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    ahead = np.concatenate([grid, np.ones((len(grid), 1))], axis=1)
+    pixels = np.asarray(view.camera.img_from_cam(ahead), np.float32).reshape(height, width, 2) - np.float32(0.5)
+    maps = np.ascontiguousarray(pixels[..., 0]), np.ascontiguousarray(pixels[..., 1])
+    source = view.photo.grey.astype(np.float32) / 255
+    image = cv2.remap(source, *maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    usable = view.photo.usable
+    if usable is not None:
+        usable = cv2.remap(usable.astype(np.uint8), *maps, cv2.INTER_NEAREST) > 0
+    return View(view.photo.name, image, usable, K, similarity.camera(view.T_camera_world))
+
+
+def undistort_all(views: Sequence[SparseView], similarity: Similarity) -> list[View]:
+    """Return the metric views of all posed photos."""
+    return [undistorted(view, similarity) for view in views]
