@@ -1,0 +1,138 @@
+"""The surface of every object of a scene from metric views, by plane sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.compute.fan_out import fan_out
+from pipeline.reconstruct.fusion import Points, fuse, thinned
+from pipeline.reconstruct.plane_sweep import (
+    SECOND_ANGLE,
+    DepthMap,
+    Window,
+    box_corners,
+    follow,
+    neighbours,
+    sweep,
+    window_of,
+)
+from pipeline.reconstruct.surface import Surface, belongs_to, poisson_surface, visible_depth
+from pipeline.reconstruct.views import View
+from pipeline.records.captures import Scene
+from pipeline.records.errors import UserError
+from pipeline.records.parameters.reconstruct import SurfaceParameters, SweepParameters
+
+LARGEST_SEEN_THROUGH = 0.2  # share of sightings that contradict a point, beyond which the object has moved
+LEAST_VIEWS = 3
+TURNS = 3  # one sweep of planes, then along the surface of the turn before
+
+
+@dataclass(frozen=True)
+class DenseObject:
+    """What was measured of one object."""
+
+    points: Points
+    surface: Surface
+    windows: dict[int, Window]  # per view that shows the object
+    neighbours: dict[int, list[int]]
+
+
+@dataclass(frozen=True)
+class _Task:
+    """One window of one view; ``views`` holds the view first, then its neighbours."""
+
+    views: tuple[View, ...]
+    window: Window
+    nearest: float
+    farthest: float
+    surface: Surface | None
+    settings: SweepParameters
+    view: int
+
+
+def _depths(task: _Task) -> DepthMap:
+    import cv2
+
+    cv2.setNumThreads(1)
+    others = range(1, len(task.views))
+    if task.surface is None:
+        found = sweep(task.views, 0, others, task.window, task.nearest, task.farthest, task.settings)
+    else:
+        view = task.views[0]
+        pixels = np.concatenate([task.window.centres(), np.ones((task.window.width * task.window.height, 1))], axis=1)
+        rays = pixels @ np.linalg.inv(view.K).T @ view.T_camera_scene[:3, :3]  # z = 1 in the camera: lengths are depths
+        base = visible_depth(task.surface, view.centre, rays, SECOND_ANGLE)
+        found = follow(
+            task.views, 0, others, task.window, base.reshape(task.window.height, task.window.width), task.settings
+        )
+    return DepthMap(task.view, found.window, found.depth, found.score)
+
+
+def _tasks(views: Sequence[View], scene: Scene, name: str, sweeping: SweepParameters, margin: float) -> list[_Task]:
+    item = scene.objects[name]
+    T = item.matrix(scene.support_plane)
+    half = np.array(item.box[:2]) / 2 + margin
+    corners = box_corners(T, np.array([*-half, 0.0]), np.array([*half, item.box[2] + margin]))
+    windows = {index: window_of(view, corners, sweeping.window) for index, view in enumerate(views)}
+    visible = [index for index, window in windows.items() if window is not None]
+    tasks = []
+    for index in visible:
+        others = neighbours(views, index, corners.mean(axis=0), visible, sweeping)
+        window = windows[index]
+        if others and window is not None:
+            tasks.append(_Task((views[index], *(views[o] for o in others)), *window, None, sweeping, index))
+    if len(tasks) < LEAST_VIEWS:
+        raise UserError(
+            f"{name}: only {len(tasks)} photos show its box; correct its position in scene.yaml, or take photos of it."
+        )
+    return tasks
+
+
+def _own(points: Points, scene: Scene, number: int, settings: SurfaceParameters) -> Points:
+    mine = belongs_to(points.positions, scene, settings) == number
+    return Points(points.positions[mine], points.towards[mine], points.seen_through)
+
+
+def dense_objects(
+    views: Sequence[View],
+    scene: Scene,
+    sweeping: SweepParameters,
+    settings: SurfaceParameters,
+    workers: int,
+) -> dict[str, tuple[Points, Surface]]:
+    """Return per object its measured points and closed surface, scene frame.
+
+    Raises:
+        UserError: an object is not in the photos, has no texture, or was moved between them.
+    """
+    found: dict[str, tuple[Points, Surface]] = {}
+    tasks = {name: _tasks(views, scene, name, sweeping, settings.margin) for name in scene.objects}
+    for turn in range(TURNS):
+        if turn:
+            tasks = {
+                name: [_Task(t.views, t.window, t.nearest, t.farthest, found[name][1], sweeping, t.view) for t in own]
+                for name, own in tasks.items()
+            }
+        label = "depths along the surfaces" if turn else "depths by plane sweep"
+        maps = iter(fan_out(_depths, [task for own in tasks.values() for task in own], workers, label))
+        for number, (name, own) in enumerate(tasks.items()):
+            fused = fuse(views, [next(maps) for _ in own], sweeping)
+            points = thinned(_own(fused, scene, number, settings), sweeping.voxel)
+            if not turn and points.seen_through > LARGEST_SEEN_THROUGH:
+                raise UserError(
+                    f"{name} was moved between the photos, it seems: {100 * points.seen_through:.0f} % of what some "
+                    "photos show of it is seen through by others; take all photos again without touching anything."
+                )
+            # A surface to follow need not show the last detail, but must be smooth.
+            rougher = settings.model_copy(update={"poisson_depth": settings.poisson_depth - (turn < TURNS - 1)})
+            found[name] = (points, poisson_surface(points, scene.support_plane, sweeping.voxel, rougher, name))
+    return found
+
+
+def measured_positions(points: Points) -> NDArray[np.float64]:
+    """Return where the surface was measured (n, 3)."""
+    return points.positions
