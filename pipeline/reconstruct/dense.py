@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.compute.fan_out import fan_out
 from pipeline.reconstruct.fusion import Points, fuse, thinned
@@ -38,7 +37,6 @@ class DenseObject:
     points: Points
     surface: Surface
     windows: dict[int, Window]  # per view that shows the object
-    neighbours: dict[int, list[int]]
 
 
 @dataclass(frozen=True)
@@ -103,20 +101,17 @@ def dense_objects(
     sweeping: SweepParameters,
     settings: SurfaceParameters,
     workers: int,
-) -> dict[str, tuple[Points, Surface]]:
-    """Return per object its measured points and closed surface, scene frame.
+) -> dict[str, DenseObject]:
+    """Return per object what was measured of it, and its closed surface.
 
     Raises:
         UserError: an object is not in the photos, has no texture, or was moved between them.
     """
-    found: dict[str, tuple[Points, Surface]] = {}
+    found: dict[str, DenseObject] = {}
     tasks = {name: _tasks(views, scene, name, sweeping, settings.margin) for name in scene.objects}
     for turn in range(TURNS):
         if turn:
-            tasks = {
-                name: [_Task(t.views, t.window, t.nearest, t.farthest, found[name][1], sweeping, t.view) for t in own]
-                for name, own in tasks.items()
-            }
+            tasks = {name: [replace(task, surface=found[name].surface) for task in own] for name, own in tasks.items()}
         label = "depths along the surfaces" if turn else "depths by plane sweep"
         maps = iter(fan_out(_depths, [task for own in tasks.values() for task in own], workers, label))
         for number, (name, own) in enumerate(tasks.items()):
@@ -129,10 +124,6 @@ def dense_objects(
                 )
             # A surface to follow need not show the last detail, but must be smooth.
             rougher = settings.model_copy(update={"poisson_depth": settings.poisson_depth - (turn < TURNS - 1)})
-            found[name] = (points, poisson_surface(points, scene.support_plane, sweeping.voxel, rougher, name))
+            surface = poisson_surface(points, scene.support_plane, sweeping.voxel, rougher, name)
+            found[name] = DenseObject(points, surface, {task.view: task.window for task in own})
     return found
-
-
-def measured_positions(points: Points) -> NDArray[np.float64]:
-    """Return where the surface was measured (n, 3)."""
-    return points.positions

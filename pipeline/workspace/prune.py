@@ -24,7 +24,12 @@ TEMPORARY = re.compile(r"\..+\.(\d+)\.tmp")  # see records.writing
 def stray_outputs(parameters: Parameters) -> list[Path]:
     """Return outputs below ``data`` whose object is no longer named for them, sorted."""
     styles = {"pinch": parameters.styles.pinch, "side": parameters.styles.side}
-    wanted = {Path("data/prepare"): [*parameters.objects, *parameters.meshes]}
+    wanted = {
+        Path("data/prepare"): [*parameters.objects, *parameters.meshes],
+        Path("data/capture"): list(parameters.renderings),
+        Path("data/reconstruct"): list(parameters.captures),
+    }
+    folders = set(wanted)
     for stage in ("synthesize", "validate"):
         wanted |= {Path("data") / stage / style: names for style, names in styles.items()}
     wanted |= {folder: styles["pinch"] for folder in Path("data/evaluate").glob("*") if folder.is_dir()}
@@ -32,7 +37,7 @@ def stray_outputs(parameters: Parameters) -> list[Path]:
         entry
         for folder, names in wanted.items()
         for entry in folder.glob("*")
-        if (entry.suffix == ".parquet" or folder.name == "prepare") and entry.stem not in names
+        if (entry.suffix == ".parquet" or folder in folders) and entry.stem not in names
         if not entry.name.startswith(".")
     )
 

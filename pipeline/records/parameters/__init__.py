@@ -75,6 +75,17 @@ class Parameters(Section):
         return self
 
     @model_validator(mode="after")
+    def _captures_agree(self) -> Parameters:
+        for name in [*self.renderings, *self.captures]:
+            if not OBJECT_NAME.fullmatch(name):
+                raise ValueError(f"capture name {name!r}: use small letters, digits and underscores, a letter first")
+        for name, rendering in self.renderings.items():
+            for object_name in rendering.objects:
+                if object_name not in self.objects and object_name not in self.meshes:
+                    raise ValueError(f"renderings.{name} shows the unknown object {object_name!r}; add it to objects")
+        return self
+
+    @model_validator(mode="after")
     def _stages_agree(self) -> Parameters:
         samples = self.prepare.surface_points
         if self.synthesize.energy.object_points > samples:

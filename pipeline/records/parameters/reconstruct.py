@@ -14,7 +14,7 @@ class SparseParameters(Section):
 
     features: int = Field(4096, ge=200, le=50000, description="Most SIFT features per photo.")
     mapper: Literal["global", "incremental"] = Field(
-        "incremental", description="COLMAP's mapper; global (GLOMAP) for many photos."
+        "global", description="COLMAP's mapper: all poses at once (GLOMAP), or photo by photo."
     )
     camera_model: Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"] = Field(
         "OPENCV", description="Lens model that is estimated when the capture has no intrinsics.yaml."
