@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from pipeline.reconstruct.photos import read_photos
 from pipeline.reconstruct.sparse import SparseModel, sparse_model
 from pipeline.reconstruct.surface import Surface, samples_of
 from pipeline.reconstruct.tags import detect_tags, locate_corners
-from pipeline.reconstruct.views import View, undistort_all
+from pipeline.reconstruct.views import View, undistort_all, undistorted_normals
 from pipeline.records.captures import Capture, SceneObject, Truth
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.reconstruct import ReconstructParameters
@@ -78,16 +79,22 @@ def reconstruct(capture: Capture, settings: ReconstructParameters, seed: int, wo
     alignment = align(located, capture.tags, settings.alignment)
     views = undistort_all(sparse.views, alignment.similarity)
     dense = dense_objects(views, capture.scene, settings.sweep, settings.surface, workers)
-    prior = False
+    priors = {}
     if settings.method == "2dgs":
-        from pipeline.reconstruct.splatting import splatted_objects
+        from pipeline.reconstruct.splatting import read_normals, splatted_objects
 
-        dense, prior = splatted_objects(views, dense, capture, settings, workers)
+        files = {view.photo.name: capture.beside("normals", Path(view.photo.name)) for view in sparse.views}
+        priors = {
+            view.photo.name: undistorted_normals(view, read_normals(path))
+            for view in sparse.views
+            if (path := files[view.photo.name]) is not None
+        }
+        dense = splatted_objects(views, dense, priors, capture.scene, settings, seed, workers)
     objects = {
         name: in_object_frame(name, capture.scene.objects[name], found, settings.surface.points, seed)
         for name, found in dense.items()
     }
-    return Reconstruction(objects, dense, tuple(views), sparse, alignment, prior)
+    return Reconstruction(objects, dense, tuple(views), sparse, alignment, bool(priors))
 
 
 def cameras_of(views: Sequence[View]) -> dict[str, Any]:
