@@ -49,7 +49,7 @@ class Lens:
         grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 1, 2)
         if any(self.distortion):
             criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 1e-9)
-            grid = cv2.undistortPointsIter(grid, np.eye(3), np.array(self.distortion), None, None, criteria)
+            grid = cv2.undistortPoints(grid, np.eye(3), np.array(self.distortion), criteria=criteria)
         flat = grid.reshape(-1, 2)
         return np.concatenate([flat, np.ones((len(flat), 1))], axis=1).astype(np.float32)
 
@@ -119,4 +119,4 @@ class Stage:
             picture = np.full(rays.shape, 0.75, np.float32)
             picture[seen] = shade
             total += picture
-        return (total / len(SUBSAMPLES)).reshape(lens.height, lens.width, 3)
+        return np.asarray(total / len(SUBSAMPLES), np.float32).reshape(lens.height, lens.width, 3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ def photograph(
     """Return the stored pixels (h, w, 3), sRGB-like gamma, of a picture in linear light."""
     import cv2
 
-    picture = light * np.float32(np.exp(settings.exposure * random.standard_normal()))
+    picture: Any = light * np.float32(np.exp(settings.exposure * random.standard_normal()))
     angle, length = np.pi * random.random(), settings.motion_blur * random.random()
     if length > 0.5:
         size = 2 * int(np.ceil(length / 2)) + 3

@@ -18,8 +18,9 @@ FOAM_PIXEL = 0.00025  # m
 def _noise(shape: tuple[int, ...], wavelengths: tuple[float, ...], random: np.random.Generator) -> NDArray[np.float64]:
     """Return periodic noise with values about 0, standard deviation 1, of these wavelengths in cells."""
     frequency = np.sqrt(sum(f**2 for f in np.meshgrid(*(np.fft.fftfreq(n) for n in shape), indexing="ij")))
-    spectrum = sum(np.exp(-((np.log(np.maximum(frequency, 1e-9) * w)) ** 2) / 0.1) * w ** (len(shape) / 2)
-                   for w in wavelengths)
+    spectrum = sum(
+        np.exp(-((np.log(np.maximum(frequency, 1e-9) * w)) ** 2) / 0.1) * w ** (len(shape) / 2) for w in wavelengths
+    )
     noise = np.fft.ifftn(np.fft.fftn(random.standard_normal(shape)) * spectrum).real
     return np.asarray(noise / noise.std(), np.float64)
 
@@ -92,8 +93,13 @@ def foam_colours(picture: NDArray[np.float32], x: NDArray[np.float32], y: NDArra
     row = (picture.shape[0] / 2 - y / FOAM_PIXEL - 0.5).astype(np.float32)
     size = 32000  # OpenCV's limit of a side
     parts = [
-        cv2.remap(picture, column[i : i + size][None], row[i : i + size][None], cv2.INTER_LINEAR,
-                  borderMode=cv2.BORDER_REPLICATE)[0]
+        cv2.remap(
+            picture,
+            column[i : i + size][None],
+            row[i : i + size][None],
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE,
+        )[0]
         for i in range(0, len(column), size)
     ]
     return np.concatenate(parts) if parts else np.zeros(0, np.float32)

@@ -71,8 +71,8 @@ def _check_size(
     ratio = float(np.median(edges)) * similarity.scale / layout.size if edges else 1.0
     if abs(ratio - 1) > SIZE_TOLERANCE:
         raise UserError(
-            f"tags.yaml contradicts itself: if the tags' positions are right, the tags are {1000 * ratio * layout.size:.1f} "
-            f"mm large, not {1000 * layout.size:.1f}; measure a printed black square and the distances again."
+            "tags.yaml contradicts itself: if the tags' positions are right, the tags are "
+            f"{1000 * ratio * layout.size:.1f} mm large, not {1000 * layout.size:.1f}; measure a printed black square and the distances again."
         )
 
 
@@ -104,7 +104,9 @@ def align(
         own = fit_similarity(
             np.array(list(middles.values())), np.array([truth[number].mean(axis=0) for number in middles])
         )
-        off = np.linalg.norm(own.points(np.array(list(middles.values()))) - [truth[n].mean(axis=0) for n in middles], axis=1)
+        off = np.linalg.norm(
+            own.points(np.array(list(middles.values()))) - [truth[n].mean(axis=0) for n in middles], axis=1
+        )
         if off.max() < settings.largest_residual:
             _check_size(located, own, layout)
     similarity = fit_similarity(source, target)
@@ -118,7 +120,7 @@ def align(
     if residual > settings.largest_residual:
         worst = keys[int(off.argmax())][0]
         raise UserError(
-            f"the tags do not lie as tags.yaml says: {1000 * residual:.1f} mm off on average, tag {worst} most; correct "
-            "their positions, yaws and size there, or the convention (opencv or apriltag: turned by 180 degrees)."
+            f"the tags do not lie as tags.yaml says: {1000 * residual:.1f} mm off on average, tag {worst} most; "
+            "correct positions, yaws and size there, or the convention (opencv or apriltag: turned by 180 degrees)."
         )
     return Alignment(similarity, residual, float(used.max()), len(used), len(keys), tuple(sorted(located)))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,10 +48,12 @@ class DepthMap:
     score: NDArray[np.float32]  # (h, w), correlation, -1 to 1
 
 
-def box_corners(T_scene_box: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]):  # noqa: ANN201
+def box_corners(
+    T_scene_box: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Return the corners (8, 3) of a box in the scene frame."""
     corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-    return corners @ T_scene_box[:3, :3].T + T_scene_box[:3, 3]
+    return np.asarray(corners @ T_scene_box[:3, :3].T + T_scene_box[:3, 3])
 
 
 def window_of(view: View, corners: NDArray[np.float64], padding: int) -> tuple[Window, float, float] | None:
@@ -93,7 +96,7 @@ class _Reference:
         self.mean = cv2.boxFilter(image, cv2.CV_32F, self.size)
         self.variance = np.maximum(cv2.boxFilter(image * image, cv2.CV_32F, self.size) - self.mean**2, 0)
 
-    def correlation(self, warped: NDArray[np.float32]) -> NDArray[np.float32]:
+    def correlation(self, warped: NDArray[Any]) -> NDArray[np.float32]:
         """Return the normalised cross-correlation (h, w) with a warped photo; -1 where it shows nothing (NaN)."""
         import cv2
 
@@ -129,12 +132,14 @@ def _peak(volume: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.
     return (best + shift).astype(np.float32), np.take_along_axis(volume, best[None], axis=0)[0]
 
 
-def _kept(view: View, window: Window, reference: _Reference, score: NDArray[np.float32], least: float):  # noqa: ANN202
+def _kept(
+    view: View, window: Window, reference: _Reference, score: NDArray[np.float32], least: float
+) -> NDArray[np.bool_]:
     """Return where (h, w) a depth can be believed: it correlates, and the window shows something."""
     good = (score >= least) & (reference.variance > LEAST_CONTRAST**2)
     if view.usable is not None:
         good &= view.usable[window.top : window.top + window.height, window.left : window.left + window.width]
-    return good
+    return np.asarray(good)
 
 
 def sweep(

@@ -89,9 +89,7 @@ class _Rasterise(torch.autograd.Function):
         wp = _warp()
         splats, camera = _structs(tensors, target, device)
         outputs = torch.zeros((target.width * target.height, kernel.OUTPUTS), device=tensors[0].device)
-        wp.launch(
-            kernel.render, dim=len(outputs), inputs=[splats, camera, wp.from_torch(outputs)], device=device
-        )
+        wp.launch(kernel.render, dim=len(outputs), inputs=[splats, camera, wp.from_torch(outputs)], device=device)
         ctx.save_for_backward(outputs, *tensors)
         ctx.target, ctx.device, ctx.structs = target, device, (splats, camera)
         return outputs

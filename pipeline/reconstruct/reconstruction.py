@@ -36,9 +36,7 @@ class Reconstruction:
     normal_prior: bool
 
 
-def in_object_frame(
-    name: str, item: SceneObject, found: DenseObject, count: int, seed: int
-) -> ReconstructedObject:
+def in_object_frame(name: str, item: SceneObject, found: DenseObject, count: int, seed: int) -> ReconstructedObject:
     """Return the surface and its samples with the centre of mass as origin, turned as the placement says."""
     import trimesh
 
@@ -162,7 +160,10 @@ def metrics_of(result: Reconstruction, method: str, truth: Truth | None) -> dict
         if view.name in truth.camera_centres
     ]
     if centres:
-        metrics["camera_mm_mean"], metrics["camera_mm_max"] = 1000 * float(np.mean(centres)), 1000 * float(np.max(centres))
+        metrics["camera_mm_mean"], metrics["camera_mm_max"] = (
+            1000 * float(np.mean(centres)),
+            1000 * float(np.max(centres)),
+        )
     found = accuracies(result.dense, truth)
     for name, accuracy in found.items():
         metrics["objects"][name].update(

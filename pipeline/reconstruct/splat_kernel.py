@@ -2,7 +2,8 @@
 
 One thread renders one pixel. A splat is a flat Gaussian with centre P, unit tangents and normal (u, v, n) and extents
 (a, b), all in the camera frame. The ray z * d, d = ((x - cx) / f, (y - cy) / f, 1), meets its plane at the depth
-z = (n . P) / (n . d); with X = z d its value there is G = exp(-(s^2 + t^2) / 2), s = u . (X - P) / a, t = v . (X - P) / b.
+z = (n . P) / (n . d); with X = z d its value there is G = exp(-(s^2 + t^2) / 2), s = u . (X - P) / a and
+t = v . (X - P) / b.
 Splats seen edge-on keep the width of a pixel (G at least exp(-|pixel - centre|^2), as published).
 
 Front to back, opacity * G gives the weights w of the splats. A pixel's outputs are the sums
@@ -234,9 +235,7 @@ def render_gradient(
                 px = x - (camera.focal * P[0] / P[2] + camera.centre_x)
                 py = y - (camera.focal * P[1] / P[2] + camera.centre_y)
                 across = 2.0 * hit.value * d_value * camera.focal / P[2]
-                d_P = wp.vec3(
-                    across * px, across * py, d_depth - across * (px * P[0] + py * P[1]) / P[2]
-                )
+                d_P = wp.vec3(across * px, across * py, d_depth - across * (px * P[0] + py * P[1]) / P[2])
             wp.atomic_add(d_centre, k, d_P)
             wp.atomic_add(d_normal, k, d_n)
             wp.atomic_add(d_brightness, k, w * g_brightness)

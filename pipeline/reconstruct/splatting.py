@@ -91,13 +91,15 @@ def shrunk_view(
     rays = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1) @ np.linalg.inv(view.K).T
     depths = [visible_depth(s, view.centre, rays @ view.T_camera_scene[:3, :3], FOLLOWED_ANGLE) for s in surfaces]
     mine = depths[own]
-    others = np.min([np.where(d > 0, d, np.inf) for k, d in enumerate(depths) if k != own] + [np.full(len(mine), np.inf)], axis=0)
+    others = np.min(
+        [np.where(d > 0, d, np.inf) for k, d in enumerate(depths) if k != own] + [np.full(len(mine), np.inf)], axis=0
+    )
     shows = ((mine > 0) & (mine < others)).reshape(height, width)
     if view.usable is not None:
         index = np.clip(place.round().astype(int), 0, np.array(view.image.shape)[::-1] - 1)
         shows &= view.usable[index[..., 1], index[..., 0]]
     if prior is not None:
-        prior = cv2.remap(prior, place[..., 0], place[..., 1], cv2.INTER_NEAREST)
+        prior = np.asarray(cv2.remap(prior, place[..., 0], place[..., 1], cv2.INTER_NEAREST), np.float32)
     known = mine[mine > 0]
     near, far = (float(known.min()), float(known.max())) if len(known) else (0.5, 1.0)
     target = Target(
@@ -204,7 +206,13 @@ def loss_of(outputs: torch.Tensor, view: SplatView, settings: SplatParameters) -
     rendered = outputs[..., 3:6]
     if settings.weight_normal:
         surface = normals_of_depth(outputs[..., 2] / (cover + 1e-6), view.target)
-        inner = shows & torch.roll(shows, 1, 0) & torch.roll(shows, -1, 0) & torch.roll(shows, 1, 1) & torch.roll(shows, -1, 1)
+        inner = (
+            shows
+            & torch.roll(shows, 1, 0)
+            & torch.roll(shows, -1, 0)
+            & torch.roll(shows, 1, 1)
+            & torch.roll(shows, -1, 1)
+        )
         loss = loss + settings.weight_normal * (cover - (rendered * surface).sum(-1))[inner].mean()
     if view.prior is not None and settings.weight_prior:
         prior = torch.tensor(view.prior, device=device)
@@ -213,7 +221,9 @@ def loss_of(outputs: torch.Tensor, view: SplatView, settings: SplatParameters) -
     return loss
 
 
-def train(splats: Splats, views: Sequence[SplatView], settings: SplatParameters, random: np.random.Generator) -> list[float]:
+def train(
+    splats: Splats, views: Sequence[SplatView], settings: SplatParameters, random: np.random.Generator
+) -> list[float]:
     """Optimise the splats in place, one view a step, and return the losses."""
     groups = [{"params": [tensor], "lr": RATES[name]} for name, tensor in splats.named().items()]
     optimiser = torch.optim.Adam(groups, eps=1e-15)
@@ -233,9 +243,7 @@ def train(splats: Splats, views: Sequence[SplatView], settings: SplatParameters,
     return losses
 
 
-def fused_points(
-    splats: Splats, views: Sequence[SplatView], surface: Surface, settings: SplatParameters
-) -> Points:
+def fused_points(splats: Splats, views: Sequence[SplatView], surface: Surface, settings: SplatParameters) -> Points:
     """Return the points of the surface that a distance field of all rendered depths has."""
     low, high = surface.vertices.min(axis=0) - 0.008, surface.vertices.max(axis=0) + 0.008
     field = DistanceField.empty(low, high, settings.cell)

@@ -52,7 +52,9 @@ def belongs_to(positions: NDArray[np.float64], scene: Scene, settings: SurfacePa
         local = (positions - T[:3, 3]) @ T[:3, :3]
         half = np.array([item.box[0] / 2, item.box[1] / 2])
         outside = np.concatenate([np.abs(local[:, :2]) - half, local[:, 2:] - item.box[2]], axis=1)
-        distance = np.where((outside > 0).any(axis=1), np.linalg.norm(np.maximum(outside, 0), axis=1), outside.max(axis=1))
+        distance = np.where(
+            (outside > 0).any(axis=1), np.linalg.norm(np.maximum(outside, 0), axis=1), outside.max(axis=1)
+        )
         inside = (distance < best) & (local[:, 2] > settings.clearance)
         best[inside], owner[inside] = distance[inside], number
     return owner
@@ -69,7 +71,9 @@ def oriented(points: Points) -> Any:
     towards = points.towards[np.asarray(kept, np.int64)]
     cloud.estimate_normals(open3d.geometry.KDTreeSearchParamKNN(NORMAL_NEIGHBOURS), fast_normal_computation=False)
     normals = np.asarray(cloud.normals)
-    cloud.normals = open3d.utility.Vector3dVector(normals * np.where((normals * towards).sum(axis=1) < 0, -1, 1)[:, None])
+    cloud.normals = open3d.utility.Vector3dVector(
+        normals * np.where((normals * towards).sum(axis=1) < 0, -1, 1)[:, None]
+    )
     return cloud
 
 
@@ -113,13 +117,17 @@ def assumed_base(
     angles = np.arange(-np.pi, np.pi, spacing / max(float(starts.max()), spacing))
     steps = max(int(np.ceil(float(gaps.max()) * 1.3 / spacing)), 2)
     theta = np.linspace(0, np.pi / 2, steps, endpoint=False)[:, None]  # 0: where measured points end, pi/2: support
-    gap, start, end = (around(values, angles) for values in (gaps, starts, ends))
-    radius = end + (start - end) * np.cos(theta)
+    gap_there, start_there, end_there = (around(values, angles) for values in (gaps, starts, ends))
+    radius = end_there + (start_there - end_there) * np.cos(theta)
     wall = np.stack(
-        [middle[0] + radius * np.cos(angles), middle[1] + radius * np.sin(angles), support + gap * (1 - np.sin(theta))],
+        [
+            middle[0] + radius * np.cos(angles),
+            middle[1] + radius * np.sin(angles),
+            support + gap_there * (1 - np.sin(theta)),
+        ],
         axis=-1,
     )
-    out, down = gap * np.cos(theta), (start - end) * np.sin(theta)
+    out, down = gap_there * np.cos(theta), (start_there - end_there) * np.sin(theta)
     wall_normals = np.stack([out * np.cos(angles), out * np.sin(angles), -down], axis=-1)
     wall_normals /= np.maximum(np.linalg.norm(wall_normals, axis=-1, keepdims=True), 1e-12)
     # The base lies a little below the support, where the surface is cut off, so that the cut is flat.
@@ -135,12 +143,12 @@ def assumed_base(
 def _solid(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Any:
     import manifold3d
 
-    return manifold3d.Manifold(manifold3d.Mesh64(np.ascontiguousarray(vertices), np.ascontiguousarray(faces, np.uint64)))
+    return manifold3d.Manifold(
+        manifold3d.Mesh64(np.ascontiguousarray(vertices), np.ascontiguousarray(faces, np.uint64))
+    )
 
 
-def closed_at_support(
-    vertices: NDArray[np.float64], faces: NDArray[np.int64], support: float, name: str
-) -> Surface:
+def closed_at_support(vertices: NDArray[np.float64], faces: NDArray[np.int64], support: float, name: str) -> Surface:
     """Return the largest closed part of a surface above the plane z = support, closed by that plane.
 
     Raises:
@@ -156,9 +164,7 @@ def closed_at_support(
     return Surface(np.asarray(mesh.vert_properties, np.float64)[:, :3], np.asarray(mesh.tri_verts, np.int64))
 
 
-def poisson_surface(
-    points: Points, support: float, spacing: float, settings: SurfaceParameters, name: str
-) -> Surface:
+def poisson_surface(points: Points, support: float, spacing: float, settings: SurfaceParameters, name: str) -> Surface:
     """Return the closed surface through the points of one object.
 
     Args:
@@ -172,8 +178,8 @@ def poisson_surface(
 
     if len(points.positions) < settings.least_points:
         raise UserError(
-            f"{name}: only {len(points.positions)} surface points were measured in its box; correct its position and box "
-            "in scene.yaml, or give it some texture (stickers, powder) and take sharper photos."
+            f"{name}: only {len(points.positions)} surface points were measured in its box; correct its position and "
+            "box in scene.yaml, or give it some texture (stickers, powder) and take sharper photos."
         )
     cloud = oriented(points)
     positions, normals = np.asarray(cloud.points), np.asarray(cloud.normals)
@@ -193,7 +199,9 @@ def poisson_surface(
     return closed_at_support(np.asarray(mesh.vertices), np.asarray(mesh.triangles, np.int64), support, name)
 
 
-def visible_depth(surface: Surface, origin: NDArray[np.float64], rays: NDArray[np.float64], largest_angle: float):  # noqa: ANN201
+def visible_depth(
+    surface: Surface, origin: NDArray[np.float64], rays: NDArray[np.float64], largest_angle: float
+) -> NDArray[np.float32]:
     """Return how far (n,), in lengths of ``rays`` (n, 3), the surface is from ``origin`` (3,); 0 where it is not hit.
 
     Args:
@@ -210,7 +218,7 @@ def visible_depth(surface: Surface, origin: NDArray[np.float64], rays: NDArray[n
     distance, normals = hits["t_hit"].numpy(), hits["primitive_normals"].numpy()
     cosine = -(normals * rays).sum(axis=1) / np.linalg.norm(rays, axis=1)
     good = np.isfinite(distance) & (np.abs(cosine) > np.cos(np.radians(largest_angle)))
-    return np.where(good, distance, 0).astype(np.float32)
+    return np.asarray(np.where(good, distance, 0), np.float32)
 
 
 def samples_of(surface: Surface, measured: NDArray[np.float64], count: int, seed: int) -> Samples:

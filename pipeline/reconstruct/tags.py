@@ -78,7 +78,7 @@ def detect_tags(photo: Photo, layout: TagLayout) -> Sightings:
     corners, numbers, _ = detector.detectMarkers(photo.grey)
     if numbers is None:
         return {}
-    light = (photo.grey.astype(np.float32) / 255) ** np.float32(2.2)
+    light = np.asarray((photo.grey / np.float32(255)) ** np.float32(2.2), np.float32)
     # OpenCV counts pixels from their centres.
     return {
         int(number): refined_corners(light, corner.reshape(4, 2).astype(np.float64) + 0.5)

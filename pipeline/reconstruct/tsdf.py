@@ -49,7 +49,7 @@ class DistanceField:
     def surface(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return points (n, 3) where the distance changes sign along the grid's edges, and outward normals (n, 3)."""
         known = self.weight >= 2
-        slope = np.stack(np.gradient(self.distance), axis=-1)
+        slope = np.stack([np.gradient(self.distance, axis=axis) for axis in range(3)], axis=-1)
         points, normals = [np.zeros((0, 3))], [np.zeros((0, 3))]
         for axis in range(3):
             first = tuple(slice(0, -1) if k == axis else slice(None) for k in range(3))

@@ -66,7 +66,7 @@ def undistorted(view: SparseView, similarity: Similarity) -> View:
     usable = view.photo.usable
     if usable is not None:
         usable = cv2.remap(usable.astype(np.uint8), *maps, cv2.INTER_NEAREST) > 0
-    return View(view.photo.name, image, usable, K, similarity.camera(view.T_camera_world))
+    return View(view.photo.name, np.asarray(image, np.float32), usable, K, similarity.camera(view.T_camera_world))
 
 
 def undistort_all(views: Sequence[SparseView], similarity: Similarity) -> list[View]:

@@ -30,9 +30,7 @@ def plain_render(camera, centre, u, v, n, extent, opacity, brightness):
     rows, columns = torch.meshgrid(torch.arange(camera.height), torch.arange(camera.width), indexing="ij")
     x, y = columns.reshape(-1, 1) + 0.5, rows.reshape(-1, 1) + 0.5
     order = torch.argsort(centre[:, 2])
-    centre, u, v, n, extent, opacity, brightness = (
-        t[order] for t in (centre, u, v, n, extent, opacity, brightness)
-    )
+    centre, u, v, n, extent, opacity, brightness = (t[order] for t in (centre, u, v, n, extent, opacity, brightness))
     ray = torch.stack(
         [(x - camera.centre_x) / camera.focal, (y - camera.centre_y) / camera.focal, torch.ones_like(x)], -1
     ).double()
