@@ -103,6 +103,6 @@ def sentences(capture: Capture, photos: Sequence[Photo], sightings: Mapping[str,
     sizes = {photo.size for photo in photos}
     if len(sizes) > 1:
         found.append(
-            f"The photos have {len(sizes)} different sizes; each size is taken for a camera of its own, so have several."
+            f"The photos have {len(sizes)} sizes; each size is taken for a camera of its own, so have several of each."
         )
     return found + layout_sentences(sightings, capture.tags)

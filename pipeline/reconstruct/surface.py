@@ -18,7 +18,8 @@ OUTLIER_NEIGHBOURS, OUTLIER_SPREAD = 20, 2.5
 SUPPORT_BAND, SUPPORT_SHARE = 0.008, 0.25  # m, and share of an object's height: level points below are the support's
 SUPPORT_COSINE = 0.8
 LOW_BAND = 0.008  # m: so much of the lowest that was measured tells where the object meets the support
-MEASURED_DOWN_TO = 0.006  # m over the support: an object that was measured so far down is taken to go straight down
+# m over the support: an object that was measured down to the first goes straight on, above the second it is round.
+STRAIGHT_DOWN, ROUND_BELOW = 0.004, 0.010
 SECTORS = 48
 SEEN = 0.003  # m: farther from all measured points the surface is a guess
 CANDIDATES_PER_SAMPLE = 10
@@ -83,9 +84,9 @@ def assumed_base(
     """Return points (n, 3) and normals (n, 3) of the part that no photo shows: down to the support, and the base.
 
     Poisson's surface stays open where nothing was measured, so something must be assumed. In each direction from the
-    middle, the surface goes on from the lowest measured points: straight on where they reach nearly to the support;
-    where they end high above it the underside is taken to be round, a quarter of an ellipse that moves inwards by as
-    much as is missing in height. Below lies a flat base.
+    middle, the surface goes on from the lowest measured points along its tangent. Where they reach nearly to the
+    support it goes straight down; where they end high above it, the underside is taken to be round: an arc (a parabola
+    with the two tangents of the circle) from that tangent into the support. Below lies a flat base.
     """
     height = positions[:, 2] - support
     lower = height < np.percentile(height, 50)
@@ -93,7 +94,7 @@ def assumed_base(
     middle = (p[:, :2].min(axis=0) + p[:, :2].max(axis=0)) / 2
     angle = np.arctan2(p[:, 1] - middle[1], p[:, 0] - middle[0])
     sector = np.floor((angle + np.pi) / (2 * np.pi) * SECTORS).astype(np.int64) % SECTORS
-    known = []  # per direction that was measured: angle, lowest height, radius there, radius on the support
+    known = []  # per direction that was measured: angle, lowest height, radius there, at the tangent's foot, at the end
     for k in range(SECTORS):
         own = np.flatnonzero(sector == k)
         if len(own) < 5:
@@ -103,31 +104,29 @@ def assumed_base(
         level = np.maximum(np.linalg.norm(n[own, :2], axis=1), 1e-3)
         # Along the steepest tangent, hardly outwards whatever a noisy normal says.
         slope = np.clip(n[own, 2] / level, -1, 0.3)
-        radius = np.linalg.norm(p[own, :2] - middle, axis=1)
-        start = float(np.median(radius + slope * (h[own] - gap)))
-        inset = float(np.clip(-np.median(slope) * gap, -0.3 * gap, gap)) + max(gap - MEASURED_DOWN_TO, 0.0)
-        known.append(((k + 0.5) / SECTORS * 2 * np.pi - np.pi, gap, start, max(start - inset, 0.0)))
+        start = float(np.median(np.linalg.norm(p[own, :2] - middle, axis=1) + slope * (h[own] - gap)))
+        foot = max(start + float(np.median(slope)) * gap, 0.0)
+        roundness = np.clip((gap - STRAIGHT_DOWN) / (ROUND_BELOW - STRAIGHT_DOWN), 0, 1)
+        end = max(foot - roundness * float(np.hypot(gap, start - foot)), 0.0)
+        known.append(((k + 0.5) / SECTORS * 2 * np.pi - np.pi, gap, start, foot, end))
     if not known:
         return np.zeros((0, 3)), np.zeros((0, 3))
-    directions, gaps, starts, ends = np.array(known).T
+    directions, gaps, starts, feet, ends = np.array(known).T
 
     def around(values: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(np.interp(angles, directions, values, period=2 * np.pi))
 
     angles = np.arange(-np.pi, np.pi, spacing / max(float(starts.max()), spacing))
-    steps = max(int(np.ceil(float(gaps.max()) * 1.3 / spacing)), 2)
-    theta = np.linspace(0, np.pi / 2, steps, endpoint=False)[:, None]  # 0: where measured points end, pi/2: support
-    gap_there, start_there, end_there = (around(values, angles) for values in (gaps, starts, ends))
-    radius = end_there + (start_there - end_there) * np.cos(theta)
+    steps = max(int(np.ceil(1.5 * float((gaps + starts - ends).max()) / spacing)), 2)
+    t = np.linspace(0, 1, steps, endpoint=False)[:, None]  # 0: where measured points end, 1: on the support
+    gap_there, start_there, foot_there, end_there = (around(values, angles) for values in (gaps, starts, feet, ends))
+    radius = (1 - t) ** 2 * start_there + 2 * t * (1 - t) * foot_there + t**2 * end_there
     wall = np.stack(
-        [
-            middle[0] + radius * np.cos(angles),
-            middle[1] + radius * np.sin(angles),
-            support + gap_there * (1 - np.sin(theta)),
-        ],
+        [middle[0] + radius * np.cos(angles), middle[1] + radius * np.sin(angles), support + gap_there * (1 - t) ** 2],
         axis=-1,
     )
-    out, down = gap_there * np.cos(theta), (start_there - end_there) * np.sin(theta)
+    out = gap_there * (1 - t)
+    down = (1 - t) * (start_there - foot_there) + t * (foot_there - end_there)
     wall_normals = np.stack([out * np.cos(angles), out * np.sin(angles), -down], axis=-1)
     wall_normals /= np.maximum(np.linalg.norm(wall_normals, axis=-1, keepdims=True), 1e-12)
     # The base lies a little below the support, where the surface is cut off, so that the cut is flat.
