@@ -36,12 +36,12 @@ class _Shot:
     target: Path
 
 
-_stages: dict[tuple[str, int], Stage] = {}
+_stages: dict[object, Stage] = {}
 
 
 def _stage(shot: _Shot) -> Stage:
     """Return the scene of a shot; a process builds it once."""
-    key = (shot.name, shot.seed)
+    key = (shot.seed, repr(shot.settings), *((s.T_scene.tobytes(), s.vertices.tobytes()) for s in shot.solids))
     if key not in _stages:
         _stages.clear()
         settings = shot.settings

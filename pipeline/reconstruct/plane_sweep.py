@@ -20,6 +20,7 @@ from pipeline.records.parameters.reconstruct import SweepParameters
 LEAST_CONTRAST = 0.008  # standard deviation of a window's brightness (0 to 1) that can be told from noise
 SECOND_REACH = 0.004  # m, that the second sweep looks to both sides of the first surface
 SECOND_STEPS = 25
+LEAST_TELLING, LIKENESS_PERCENTILE = 60, 80
 SECOND_ANGLE = 75.0  # degrees between ray and normal beyond which a surface is seen too flatly
 
 
@@ -46,6 +47,7 @@ class DepthMap:
     window: Window
     depth: NDArray[np.float32]  # (h, w), m along the optical axis; 0 where unknown
     score: NDArray[np.float32]  # (h, w), correlation, -1 to 1
+    likeness: tuple[float, ...] = ()  # per other view, how well it shows the same where a known surface was followed
 
 
 def box_corners(
@@ -202,6 +204,7 @@ def follow(
     others: Sequence[int],
     window: Window,
     base: NDArray[np.float32],
+    visible: NDArray[np.bool_],
     settings: SweepParameters,
     reach: float = SECOND_REACH,
 ) -> DepthMap:
@@ -209,6 +212,7 @@ def follow(
 
     Args:
         base: (h, w) depths of the known surface, m; 0 where it is not seen or seen too flatly.
+        visible: (others, h, w) where the other views see that surface too, by what is known so far.
         reach: how far to both sides depths are tried, m.
     """
     import cv2
@@ -225,6 +229,8 @@ def follow(
     if not seen.any():
         empty = np.zeros(base.shape, np.float32)
         return DepthMap(view, window, empty, empty)
+    telling = seen & (reference.variance > LEAST_CONTRAST**2)
+    likeness: list[float] = []
     # Windows reach beyond the surface's outline and over what is seen too flatly: it goes on there as at its edge.
     nearest = distance_transform_edt(~seen, return_distances=False, return_indices=True)
     extended = base[tuple(nearest)]
@@ -250,9 +256,13 @@ def follow(
                 borderValue=float("nan"),
             )
             scores[index] = reference.correlation(warped)
+            both = telling & visible[index]
+            if step == SECOND_STEPS // 2 and both.sum() >= LEAST_TELLING:
+                # The better part of the windows: the rest may still be covered by something else.
+                likeness.append(float(np.percentile(scores[index][both], LIKENESS_PERCENTILE)))
         volume[step] = cv2.boxFilter(_best_half(scores), cv2.CV_32F, (3, 3))
     position, score = _peak(volume)
     depth = base + np.interp(position, np.arange(SECOND_STEPS), offsets).astype(np.float32)
     ends = (position < 0.5) | (position > SECOND_STEPS - 1.5)
     good = _kept(own, window, reference, score, settings.least_correlation) & ~ends & seen
-    return DepthMap(view, window, np.where(good, depth, 0).astype(np.float32), score)
+    return DepthMap(view, window, np.where(good, depth, 0).astype(np.float32), score, tuple(likeness))

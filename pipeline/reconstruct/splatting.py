@@ -22,9 +22,10 @@ from pipeline.reconstruct.dense import DenseObject
 from pipeline.reconstruct.fusion import Points, thinned
 from pipeline.reconstruct.plane_sweep import Window
 from pipeline.reconstruct.rasterise import Target, rasterise
-from pipeline.reconstruct.surface import Surface, oriented, poisson_surface, visible_depth
+from pipeline.reconstruct.surface import Surface, oriented, poisson_surface
 from pipeline.reconstruct.tsdf import DistanceField
 from pipeline.reconstruct.views import View
+from pipeline.reconstruct.visibility import Bodies
 from pipeline.records.captures import Scene
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.reconstruct import ReconstructParameters, SplatParameters
@@ -76,9 +77,9 @@ def rotation_matrices(quaternions: torch.Tensor) -> torch.Tensor:
 
 
 def shrunk_view(
-    view: View, window: Window, surfaces: Sequence[Surface], own: int, scale: float, prior: NDArray[np.float32] | None
+    view: View, window: Window, bodies: Bodies, own: int, scale: float, prior: NDArray[np.float32] | None
 ) -> SplatView:
-    """Return one window of a photo, shrunk by ``scale``, and where surface number ``own`` is the nearest there."""
+    """Return one window of a photo, shrunk by ``scale``, and where body number ``own`` is seen there."""
     import cv2
 
     height, width = max(round(window.height * scale), 8), max(round(window.width * scale), 8)
@@ -89,12 +90,8 @@ def shrunk_view(
     place = (pixels - 0.5).astype(np.float32).reshape(height, width, 2)
     image = cv2.remap(blurred, place[..., 0], place[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     rays = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1) @ np.linalg.inv(view.K).T
-    depths = [visible_depth(s, view.centre, rays @ view.T_camera_scene[:3, :3], FOLLOWED_ANGLE) for s in surfaces]
-    mine = depths[own]
-    others = np.min(
-        [np.where(d > 0, d, np.inf) for k, d in enumerate(depths) if k != own] + [np.full(len(mine), np.inf)], axis=0
-    )
-    shows = ((mine > 0) & (mine < others)).reshape(height, width)
+    mine, _ = bodies.depth(own, view.centre, rays @ view.T_camera_scene[:3, :3], FOLLOWED_ANGLE)
+    shows = (mine > 0).reshape(height, width)
     if view.usable is not None:
         index = np.clip(place.round().astype(int), 0, np.array(view.image.shape)[::-1] - 1)
         shows &= view.usable[index[..., 1], index[..., 0]]
@@ -299,7 +296,7 @@ def splatted_objects(
     Args:
         priors: per view name its undistorted normal map (h, w, 3), camera frame; may be empty.
     """
-    surfaces = [found.surface for found in dense.values()]
+    bodies = Bodies([found.surface for found in dense.values()])
     tasks = []
     for number, (name, found) in enumerate(dense.items()):
         shown = tuple(
@@ -307,7 +304,7 @@ def splatted_objects(
             for index, window in found.windows.items()
             if (
                 view := shrunk_view(
-                    views[index], window, surfaces, number, settings.splat.image_scale, priors.get(views[index].name)
+                    views[index], window, bodies, number, settings.splat.image_scale, priors.get(views[index].name)
                 )
             ).shows.sum()
             >= 50

@@ -21,6 +21,7 @@ LOW_BAND = 0.008  # m: so much of the lowest that was measured tells where the o
 # m over the support: an object that was measured down to the first goes straight on, above the second it is round.
 STRAIGHT_DOWN, ROUND_BELOW = 0.004, 0.010
 SECTORS = 48
+SIMPLIFIED = 0.00003  # m: edges shorter than that, and what is flat to that, take fewer triangles
 SEEN = 0.003  # m: farther from all measured points the surface is a guess
 CANDIDATES_PER_SAMPLE = 10
 
@@ -159,7 +160,7 @@ def closed_at_support(vertices: NDArray[np.float64], faces: NDArray[np.int64], s
         raise UserError(
             f"{name}: its points enclose no volume; take more photos of it, from all sides, or give it some texture."
         )
-    mesh = max(parts, key=lambda part: part.volume()).to_mesh64()
+    mesh = max(parts, key=lambda part: part.volume()).simplify(SIMPLIFIED).to_mesh64()
     return Surface(np.asarray(mesh.vert_properties, np.float64)[:, :3], np.asarray(mesh.tri_verts, np.int64))
 
 
@@ -196,28 +197,6 @@ def poisson_surface(points: Points, support: float, spacing: float, settings: Su
     mesh.remove_degenerate_triangles()
     mesh.remove_unreferenced_vertices()
     return closed_at_support(np.asarray(mesh.vertices), np.asarray(mesh.triangles, np.int64), support, name)
-
-
-def visible_depth(
-    surface: Surface, origin: NDArray[np.float64], rays: NDArray[np.float64], largest_angle: float
-) -> NDArray[np.float32]:
-    """Return how far (n,), in lengths of ``rays`` (n, 3), the surface is from ``origin`` (3,); 0 where it is not hit.
-
-    Args:
-        largest_angle: degrees between ray and normal beyond which a hit does not count.
-    """
-    import open3d
-
-    scene = open3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        open3d.core.Tensor(surface.vertices.astype(np.float32)), open3d.core.Tensor(surface.faces.astype(np.uint32))
-    )
-    query = np.concatenate([np.broadcast_to(origin, rays.shape), rays], axis=1).astype(np.float32)
-    hits = scene.cast_rays(query, nthreads=1)
-    distance, normals = hits["t_hit"].numpy(), hits["primitive_normals"].numpy()
-    cosine = -(normals * rays).sum(axis=1) / np.linalg.norm(rays, axis=1)
-    good = np.isfinite(distance) & (np.abs(cosine) > np.cos(np.radians(largest_angle)))
-    return np.asarray(np.where(good, distance, 0), np.float32)
 
 
 def samples_of(surface: Surface, measured: NDArray[np.float64], count: int, seed: int) -> Samples:

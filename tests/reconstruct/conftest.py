@@ -20,8 +20,8 @@ def photos(capture_folder):
 @pytest.fixture(scope="session")
 def sparse(photos):
     """The poses of the rendered capture, found once for all tests."""
-    from pipeline.records.parameters import read_parameters
     from pipeline.reconstruct.sparse import sparse_model
+    from pipeline.records.parameters import read_parameters
 
     return sparse_model(photos, None, read_parameters().reconstruct.sparse, seed=1, threads=1)
 

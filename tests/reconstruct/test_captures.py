@@ -7,9 +7,9 @@ import pytest
 import yaml
 from PIL import Image
 
+from pipeline.reconstruct.photos import read_grey, read_photos
 from pipeline.records.captures import TagLayout, read_capture, read_truth
 from pipeline.records.errors import UserError
-from pipeline.reconstruct.photos import read_grey, read_photos
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ import pytest
 import yaml
 from PIL import Image, ImageFilter
 
-from pipeline.records.captures import read_capture
 from pipeline.reconstruct.inspection import layout_sentences
+from pipeline.records.captures import read_capture
 from pipeline.workspace.captures import main
 
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from pipeline.records.parameters import read_parameters
 from pipeline.reconstruct.fusion import fuse, thinned
 from pipeline.reconstruct.plane_sweep import DepthMap, Window, follow, neighbours, sweep
 from pipeline.reconstruct.views import View
+from pipeline.records.parameters import read_parameters
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,10 @@ def slanted():
         place_x, place_y = x + depth * ray_x, depth * ray_y
         # The texture is fixed to the plane; one texture pixel is 0.5 mm of x and y.
         image = cv2.remap(
-            texture, (place_x * 2000 + 600).astype(np.float32), (place_y * 2000 + 600).astype(np.float32), cv2.INTER_CUBIC
+            texture,
+            (place_x * 2000 + 600).astype(np.float32),
+            (place_y * 2000 + 600).astype(np.float32),
+            cv2.INTER_CUBIC,
         )
         views.append(View(str(x), image, None, K, T))
     columns, _ = np.meshgrid(np.arange(160) + 0.5, np.arange(120))
@@ -76,7 +79,9 @@ def test_following_a_surface_beats_planes_that_face_the_camera(slanted, settings
     true = true[20:100, 20:140]
     first = sweep(views, 0, others, window, 0.4, 0.9, settings)
     base = (true + 0.0015).astype(np.float32)  # a surface that is known to 1.5 mm
-    second = follow(views, 0, others, window, base, settings)
+    visible = np.ones((len(others), *base.shape), bool)
+    second = follow(views, 0, others, window, base, visible, settings)
+    assert len(second.likeness) == len(others) and min(second.likeness) > 0.9
 
     def error(found: DepthMap) -> float:
         known = found.depth > 0

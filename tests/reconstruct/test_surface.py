@@ -1,12 +1,13 @@
 import numpy as np
 import pytest
 
+from pipeline.reconstruct.accuracy import compare
+from pipeline.reconstruct.fusion import Points
+from pipeline.reconstruct.surface import Surface, belongs_to, poisson_surface, samples_of
+from pipeline.reconstruct.visibility import Bodies
 from pipeline.records.captures import Scene
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import read_parameters
-from pipeline.reconstruct.accuracy import compare
-from pipeline.reconstruct.fusion import Points
-from pipeline.reconstruct.surface import Surface, belongs_to, poisson_surface, samples_of, visible_depth
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -90,8 +91,16 @@ def test_depth_is_measured_along_the_given_ray():
     box = trimesh.creation.box((1, 1, 1))
     surface = true_surface(box)
     rays = np.array([[0, 0, 1.0], [0, 0, 2.0], [1, 0, 0], [0.05, 0, 1.0]])
-    depth = visible_depth(surface, np.array([0, 0, -3.0]), rays, 80.0)
+    near = true_surface(trimesh.creation.box((0.02, 0.02, 0.02)).apply_translation([0.1, 0, -2.0]))
+    bodies = Bodies([surface, near])
+    depth, normals = bodies.depth(0, np.array([0, 0, -3.0]), rays, 80.0)
     assert depth.tolist() == pytest.approx([2.5, 1.25, 0, 2.5])
+    assert np.allclose(normals[0], [0, 0, -1])
+    hidden, _ = bodies.depth(0, np.array([0.1, 0, -3.0]), rays[:1], 80.0)
+    assert hidden.tolist() == [0]
+    points, outward = np.array([[0.1, 0, -0.5], [0.4, 0, -0.5]]), np.tile(np.float32([0, 0, -1]), (2, 1))
+    assert bodies.seen_from(np.array([0.1, 0, -3.0]), points, outward).tolist() == [False, True]
+    assert not bodies.seen_from(np.array([0.1, 0, 3.0]), points, outward).any()
 
 
 def test_distances_between_shifted_boxes_are_the_shift():

@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 
 from pipeline.capture.layout import camera_poses
+from pipeline.reconstruct.alignment import align, fit_similarity
+from pipeline.reconstruct.tags import locate, locate_corners
 from pipeline.records.captures import read_capture, read_truth
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import read_parameters
 from pipeline.records.seeds import item_generator
-from pipeline.reconstruct.alignment import align, fit_similarity
-from pipeline.reconstruct.tags import locate, locate_corners
 
 
 @pytest.fixture(scope="module")
