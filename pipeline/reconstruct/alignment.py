@@ -72,8 +72,8 @@ def _check_size(
     if abs(ratio - 1) > SIZE_TOLERANCE:
         raise UserError(
             "tags.yaml contradicts itself: if the tags' positions are right, the tags are "
-            f"{1000 * ratio * layout.size:.1f} mm large, not {1000 * layout.size:.1f}; measure a printed black square and "
-            "the distances again."
+            f"{1000 * ratio * layout.size:.1f} mm large, not {1000 * layout.size:.1f}; measure a printed black square "
+            "and the distances again."
         )
 
 

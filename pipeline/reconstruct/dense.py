@@ -115,7 +115,7 @@ def check_at_rest(name: str, points: Points, maps: Sequence[DepthMap]) -> None:
     if points.seen_through > LARGEST_SEEN_THROUGH or unlike > LARGEST_UNLIKE:
         raise UserError(
             f"{name} was moved between the photos, it seems: they contradict each other about it in "
-            f"{100 * max(unlike, points.seen_through):.0f} % of the cases; take all photos again without touching anything."
+            f"{100 * max(unlike, points.seen_through):.0f} % of the cases; take all photos again and touch nothing."
         )
 
 
