@@ -13,13 +13,14 @@ from pipeline.records.writing import whole_file, whole_folder, write_json
 
 def sections() -> list[str]:
     """Parameter sections that the stage declares: all that its page shows, so all on which results depend."""
-    stages = ["prepare", "synthesize", "physics", "validate", "merge", "evaluate", "report"]
-    return ["scale", "seed", "styles", "objects", "meshes", *stages]
+    stages = ["prepare", "synthesize", "physics", "validate", "merge", "evaluate", "reconstruct", "report"]
+    return ["scale", "seed", "styles", "objects", "meshes", "renderings", "captures", *stages]
 
 
 def work() -> None:
     """Read every table, count, draw, and write the page, the figures and the summary."""
     parameters = load_parameters(sections())
+    from pipeline.records.reconstructions import load_reconstruction_metrics
     from pipeline.report.drawing import draw_views, load_objects
     from pipeline.report.figure_files import heat_map_picture, strip_picture
     from pipeline.report.page import PageContent, build_page
@@ -42,7 +43,8 @@ def work() -> None:
         source: [pair_trials(first, second, tables.trials[source, first]) for first, second in tables.merged]
         for source in SOURCES
     }
-    summary = summarize(parameters["scale"], funnels, merges, trials)
+    reconstructions = {name: load_reconstruction_metrics(name) for name in parameters["captures"]}
+    summary = summarize(parameters["scale"], funnels, merges, trials, reconstructions)
     workers = read_parameters().compute.workers
     views, shapes = draw_views(tables, load_objects(tables), parameters["report"], evaluate, workers)
     content = PageContent(

@@ -84,7 +84,7 @@ def content(tables) -> PageContent:
     merges = [pair_merge(*key, merged) for key, merged in tables.merged.items()]
     trials = {"synthesized": [pair_trials("cube", "can", tables.trials["synthesized", "cube"])]}
     return PageContent(
-        summary=summarize("tiny", funnels, merges, trials),
+        summary=summarize("tiny", funnels, merges, trials, {}),
         funnels=funnels,
         merges=merges,
         trials=trials,

@@ -22,7 +22,8 @@ def summary() -> dict:
         for side, accepted in zip(SIDES, (2, 1), strict=True)
     ]
     trials = made_up.trials("cube", SIDES)
-    return summarize("tiny", funnels, merges, {"synthesized": [pair_trials("cube", side, trials) for side in SIDES]})
+    pairs = {"synthesized": [pair_trials("cube", side, trials) for side in SIDES]}
+    return summarize("tiny", funnels, merges, pairs, {"demo": made_up.RECONSTRUCTION})
 
 
 def documented_patterns(repository: Path) -> list[re.Pattern]:
@@ -35,6 +36,7 @@ def documented_patterns(repository: Path) -> list[re.Pattern]:
             ("style", "pinch|side"),
             ("source", "[a-z]+"),
             ("object", "[a-z0-9_]+"),
+            ("capture", "[a-z0-9_]+"),
             ("first", "[a-z0-9_]+"),
             ("second", "[a-z0-9_]+"),
             ("check", "[a-z0-9_.]+"),
@@ -73,7 +75,7 @@ def test_keys_have_only_letters_that_mlflow_takes(summary):
 
 def test_a_pair_without_trials_counts_as_no_success():
     pairs = [pair_trials("cube", side, made_up.trials("cube", ["can"])) for side in SIDES]
-    values = summarize("tiny", [], [], {"synthesized": pairs})
+    values = summarize("tiny", [], [], {"synthesized": pairs}, {})
     assert values["evaluate.synthesized.success_rate_min_pair"] == 0.0
     assert values["evaluate.synthesized.success_rate_mean"] == pytest.approx(1 / 6, abs=1e-6)
 
