@@ -1,5 +1,6 @@
 """The folder of a capture: everything wrong with it is one sentence that names the file."""
 
+import re
 import shutil
 
 import numpy as np
@@ -124,3 +125,22 @@ def test_conventions_differ_by_half_a_turn():
     # Top left of a tag turned by 90 degrees counter-clockwise lies at -x, -y of its middle.
     assert np.allclose(ours[0], [0.07, 0.17, 0])
     assert np.allclose(ours[[2, 3, 0, 1]], theirs)
+
+
+def test_the_examples_of_the_documentation_are_valid(repository, copy):
+    text = (repository / "docs/capture.md").read_text()
+    blocks = re.findall(r"^```yaml\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    tags, scene, captures = blocks
+    (copy / "tags.yaml").write_text(tags)
+    (copy / "scene.yaml").write_text(scene)
+    capture = read_capture(copy)
+    upright = capture.tags.corners()[2]
+    assert np.allclose(upright[0] - upright[3], [0, 0, 0.06], atol=1e-5), "a tag that stands has its top above"
+    assert set(capture.scene.objects) == {"cube"}
+    assert yaml.safe_load(captures)["captures"]["mine"] == {"folder": "data/raw/my_capture"}
+
+
+@pytest.mark.parametrize(("room", "option"), [("capture", "--name"), ("reconstruct", "--capture")])
+def test_an_unknown_name_is_one_sentence(run_module, room, option):
+    done = run_module(f"pipeline.{room}", option, "nowhere")
+    assert done.returncode == 2 and "nowhere" in done.stderr and done.stderr.count("\n") == 1
