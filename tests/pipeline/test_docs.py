@@ -22,7 +22,7 @@ NAMING_PAGES = ("README.md", "data/raw/README.md", "docs/departures.md")  # metr
 STAGES = declared_stages(ROOT)
 # Made by `./dev`, by `track`, or by a user; words that are no names of this project.
 MADE_ELSEWHERE = {".venv", "dvc.lock", "mlflow.db", "data/raw/mug.stl", "metrics.json"}
-WORDS = {*FILE_FORMATS, "code", "trimesh", "mug", "m", "+z", "dvc-s3", "--force", "PIP_EXTRA_INDEX_URL"}
+WORDS = {*FILE_FORMATS, "code", "trimesh", "mug", "m", "+z", "dvc-s3", "--force", "PIP_EXTRA_INDEX_URL", "2dgs"}
 
 each_page = pytest.mark.parametrize("page", PAGES)
 
