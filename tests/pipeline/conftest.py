@@ -16,7 +16,15 @@ import yaml
 
 # Durations differ from run to run, and no stage declares them.
 UNCOUNTED = {"durations.json", ".durations.lock", ".gitignore"}
-TABLES = ("data/prepare", "data/synthesize", "data/validate", "data/merge", "data/evaluate")
+TABLES = (
+    "data/prepare",
+    "data/synthesize",
+    "data/validate",
+    "data/merge",
+    "data/evaluate",
+    "data/capture",
+    "data/reconstruct",
+)
 
 
 @dataclass(frozen=True)
