@@ -64,12 +64,12 @@ def random_states(count: int, contacts: int) -> Grasps:
 
 def evaluation_cost(scene: EnergyScene, grasps: Grasps, runs: int, repeats: int = 20) -> float:
     """Microseconds per grasp of energy with gradient."""
-    states, scratch = scene.states(grasps), scene.scratch(grasps)
-    scene.launch_evaluation(states, scratch)
+    states, scratch, weights = scene.states(grasps), scene.scratch(grasps), scene.weights()
+    scene.launch_evaluation(states, scratch, weights)
 
     def work() -> None:
         for _ in range(repeats):
-            scene.launch_evaluation(states, scratch)
+            scene.launch_evaluation(states, scratch, weights)
 
     return 1e6 * cheapest(work, runs) / (repeats * len(grasps))
 

@@ -1,70 +1,76 @@
-"""Fully tested grasps per minute and core: six gravities, no early rejection, contact offset 0.02 m.
+"""CPU seconds of validation per candidate and per validated grasp, object by object.
 
-    python benchmarks/validation_throughput.py [--grasps 20]
+    python benchmarks/validation_throughput.py [--grasps 20] [--set contact_offset=0.02] [--set early_rejection=false]
 
-Target: at least 40 grasps per minute and core. Needs the prepared objects and synthesized candidates of params.yaml
-below data/ (`dvc repro synthesize-pinch synthesize-side`). One process, process CPU time.
+`--set` changes parameters of `validate` for the run; the contact offset of the paper's code is 0.02 m. Target: at most
+0.8 CPU seconds per validated grasp on average, synthesis included (its share is in reports/durations.json). Needs the
+prepared objects and synthesized candidates of params.yaml below data/ (`dvc repro synthesize-pinch synthesize-side`).
+One process, process CPU time; candidates are spread evenly over those that passed the filter, and rejected ones count.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
+import resource
 import sys
 import time
 from pathlib import Path
 
+for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[threads] = "1"
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from pipeline.physics.holding import HeldObject, hold_in_gravities  # noqa: E402
+import numpy as np  # noqa: E402
+import yaml  # noqa: E402
+
 from pipeline.records import paths  # noqa: E402
 from pipeline.records.errors import UserError  # noqa: E402
 from pipeline.records.objects import load_prepared_object  # noqa: E402
-from pipeline.records.parameters import read_parameters  # noqa: E402
-from pipeline.records.parameters.physics import PhysicsParameters  # noqa: E402
+from pipeline.records.parameters import load_parameters, read_parameters  # noqa: E402
 from pipeline.records.parameters.validate import ValidateParameters  # noqa: E402
-from pipeline.records.poses import inverse_pose  # noqa: E402
 from pipeline.records.tables import CANDIDATES, read_table  # noqa: E402
-from pipeline.validate.grasp_test import assigned_links, check_candidate, squeeze_target  # noqa: E402
+from pipeline.validate.grasp_test import check_candidate  # noqa: E402
 from pipeline.validate.table import candidate_of  # noqa: E402
 
-TARGET = 40  # fully tested grasps per minute and core
 
-
-def main(grasps: int) -> None:
-    settings = PhysicsParameters(contact_offset=0.02)
-    limits = ValidateParameters(early_rejection=False)
+def main(grasps: int, changes: dict[str, object]) -> None:
     styles = read_parameters().styles
-    print(f"grasps per minute and core, up to {grasps} grasps per object; target of six gravities: {TARGET} or more")
-    print(f"{'style':6} {'object':18} {'grasps':>6} {'six gravities':>15} {'with table':>11}")
+    parameters = load_parameters(["physics", "validate"])
+    settings = parameters["physics"]
+    limits = ValidateParameters(**{**parameters["validate"].model_dump(), **changes})
+    print(f"{'style':6} {'object':18} {'tested':>6} {'validated':>9} {'s/candidate':>11} {'s/validated':>11}")
+    costs = []
     for style in ("pinch", "side"):
         for name in getattr(styles, style):
             prepared = load_prepared_object(name)
             table = read_table(paths.candidates_file(style, name), CANDIDATES, f"synthesize-{style}@{name}")
-            rows = table[table.rejected_by == ""].head(grasps).to_dict("records")
-            candidates = [candidate_of(row) for row in rows]
+            rows = table[table.rejected_by == ""].to_dict("records")
+            chosen = np.unique(np.linspace(0, len(rows) - 1, min(grasps, len(rows))).round().astype(int))
+            candidates = [candidate_of(rows[index]) for index in chosen]
             if not candidates:
-                print(f"{style:6} {name:18} {0:6d} {'-':>15} {'-':>11}")
+                print(f"{style:6} {name:18} {0:6d}")
                 continue
             check_candidate(prepared, candidates[0], settings, limits)  # imports and caches
             begin = time.process_time()
-            for candidate in candidates:
-                held = HeldObject(prepared, inverse_pose(candidate.T_object_hand), assigned_links(candidate.fingers))
-                squeeze = squeeze_target(candidate, limits.squeeze_advance)
-                hold_in_gravities(settings, limits, [held], candidate.q, squeeze)
-            gravities = time.process_time() - begin
-            begin = time.process_time()
-            for candidate in candidates:
-                check_candidate(prepared, candidate, settings, limits)
-            both = time.process_time() - begin
-            rate = 60 * len(candidates)
-            print(f"{style:6} {name:18} {len(candidates):6d} {rate / gravities:15.0f} {rate / both:11.0f}")
+            verdicts = [check_candidate(prepared, item, settings, limits)["rejected_by"] for item in candidates]
+            seconds, validated = time.process_time() - begin, verdicts.count("")
+            costs.append(seconds / validated if validated else np.inf)
+            line = f"{style:6} {name:18} {len(verdicts):6d} {validated:9d}"
+            print(f"{line} {seconds / len(verdicts):11.3f} {costs[-1]:11.3f}", flush=True)
+    print(f"mean per validated grasp {np.mean(costs):.3f} s; ", end="")
+    print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--grasps", type=int, default=20, help="grasps per object and style (default: 20)")
+    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a parameter of validate")
     options = parser.parse_args()
     try:
-        main(options.grasps)
+        main(
+            options.grasps,
+            {name: yaml.safe_load(value) for name, value in (item.split("=", 1) for item in options.set)},
+        )
     except UserError as error:
         sys.exit(str(error))

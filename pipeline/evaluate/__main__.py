@@ -45,7 +45,8 @@ def evaluate(source: str, first: str) -> None:
 
     seconds = styles.side
     grasps = {
-        second: accepted_grasps(read_table(paths.merged_file(first, second), MERGED, "merge")) for second in seconds
+        second: accepted_grasps(read_table(paths.merged_file(first, second), MERGED, f"merge@{first}"))
+        for second in seconds
     }
     objects = {name: without_grid(load_prepared_object(name)) for name in dict.fromkeys([first, *seconds])}
     inputs = [

@@ -7,7 +7,7 @@ must neither enter the object nor dip below the plane that the object stands on.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,11 +76,12 @@ def choose_approach(
     fingers = sorted({hand.contact_finger[c] for c in contact_candidates} - {"palm"})
     directions = approach_directions(T_object_hand, style)
     openings = open_postures(hand, T_object_hand, q, style, contact_candidates, opening)
+    seen: list[NDArray[np.float64]] = []
     rigid = [mount_surface(MOUNT_POINTS)]
     rigid += [transform_points(T, held.surface_points[:CARRIED_POINTS]) for held, T in carried]
     best: tuple[tuple[int, float], Approach] | None = None
     for length in lengths:
-        for open_q in openings:
+        for open_q in _replayed(openings, seen):
             points, is_opening = _sample(hand, open_q, fingers, np.concatenate(rigid))
             points = transform_points(T_object_hand, points)
             for direction in directions:
@@ -121,22 +122,23 @@ def open_postures(
     style: str,
     contact_candidates: NDArray[np.int64],
     opening: float,
-) -> list[NDArray[np.float64]]:
-    """Return candidate joint angles (16,) with the grasping fingers opened; the preferred one first.
+) -> Iterator[NDArray[np.float64]]:
+    """Yield candidate joint angles (16,) with the grasping fingers opened; the preferred one first.
 
     Contact points move horizontally (in the object frame) away from the object's vertical axis; for the ring finger
     postures between the grasp and the straight finger follow.
     """
     movable = contact_candidates[[hand.contact_finger[c] != "palm" for c in contact_candidates]]
     if len(movable) == 0:
-        return [q]
+        yield q
+        return
     fingers = sorted({hand.contact_finger[c] for c in movable})
     points = points_on_links(link_poses(hand, q[None]), hand.contact_link[movable], hand.contact_points[movable])[0]
     outward = transform_points(T_object_hand, points) * [1.0, 1.0, 0.0]
     length = np.linalg.norm(outward, axis=1, keepdims=True)
     outward = np.where(length > 1e-3, outward / np.maximum(length, 1e-9), [0.0, 0.0, 1.0]) @ T_object_hand[:3, :3]
-    postures = [
-        move_points(
+    for share in OPENING_SHARES:
+        yield move_points(
             hand,
             q,
             list(hand.contact_link[movable]),
@@ -144,15 +146,20 @@ def open_postures(
             share * opening * outward,
             finger_joints(fingers),
         )
-        for share in OPENING_SHARES
-    ]
     if style == "side":
         ring = list(FINGER_JOINTS["ring"])
         for share in EXTENSIONS:
             extended = q.copy()
             extended[ring] = (1 - share) * q[ring] + share * EXTENDED_FINGER
-            postures.append(extended)
-    return postures
+            yield extended
+
+
+def _replayed(source: Iterator[NDArray[np.float64]], seen: list[NDArray[np.float64]]) -> Iterator[NDArray[np.float64]]:
+    """Yield ``seen``, then what is left of ``source``, and remember it there: most often the first posture will do."""
+    yield from list(seen)
+    for posture in source:
+        seen.append(posture)
+        yield posture
 
 
 def _sample(
@@ -176,15 +183,19 @@ def _sweep(
 ) -> tuple[int, float]:
     """Return how many ``points`` (n, 3), object frame at the grasp, touch on the way, and the clearance, m."""
     stations = np.linspace(0.0, length, max(2, round(length / STATION_STEP) + 1))
-    swept = points[:, None] + stations[:, None] * direction  # (n, stations, 3)
-    touches: NDArray[np.bool_] = np.asarray((swept[..., 2] < prepared.bottom - tolerance).any(axis=1))
+    ends = points + stations[-1] * direction
+    lowest, highest = np.minimum(points, ends), np.maximum(points, ends)
+    touches = np.asarray(lowest[:, 2] < prepared.bottom - tolerance)
     low = prepared.vertices.min(0) - ENOUGH_CLEARANCE
     high = prepared.vertices.max(0) + ENOUGH_CLEARANCE
+    passing = np.flatnonzero(((highest > low) & (lowest < high)).all(-1))  # whose way may lead through the box
+    swept = points[passing, None] + stations[:, None] * direction  # (passing, stations, 3)
     near = ((swept > low) & (swept < high)).all(-1)
     if not near.any():
         return int(touches.sum()), ENOUGH_CLEARANCE
     owner, station = np.nonzero(near)
     distance = signed_distance(prepared, swept[near])
+    owner = passing[owner]
     touches[owner[distance < -tolerance]] = True
     judged = is_opening[owner] | (stations[station] >= FINAL_STRETCH)
     return int(touches.sum()), float(distance[judged].min(initial=ENOUGH_CLEARANCE))

@@ -8,25 +8,28 @@ from numpy.typing import NDArray
 from pipeline.hand.allegro import Hand
 
 
-def _axis_rotation(axis: NDArray[np.float64], angle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rodrigues' formula: rotations (B, 3, 3) about one unit ``axis`` (3,) by ``angle`` (B,)."""
-    x, y, z = axis
-    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    s, c = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
+def _axis_rotations(axes: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rodrigues' formula: rotations (B, J, 3, 3) about unit ``axes`` (J, 3) by ``angles`` (B, J)."""
+    x, y, z = axes.T
+    K = np.zeros((len(axes), 3, 3))
+    K[:, 0, 1], K[:, 0, 2], K[:, 1, 2] = -z, y, -x
+    K[:, 1, 0], K[:, 2, 0], K[:, 2, 1] = z, -y, x
+    s, c = np.sin(angles)[..., None, None], np.cos(angles)[..., None, None]
     return np.eye(3) + s * K + (1 - c) * (K @ K)
 
 
 def link_poses(hand: Hand, q: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return ``T_hand_link`` (B, L, 4, 4) for joint angles ``q`` (B, 16), rad."""
-    T = np.zeros((len(q), len(hand.link_names), 4, 4))
-    for link, (parent, joint) in enumerate(zip(hand.parent, hand.joint, strict=True)):
-        local = np.broadcast_to(hand.origin[link], (len(q), 4, 4))
-        if joint >= 0:
-            turn = np.zeros((len(q), 4, 4))
-            turn[:, :3, :3] = _axis_rotation(hand.axis[link], q[:, joint])
-            turn[:, 3, 3] = 1.0
-            local = local @ turn
-        T[:, link] = local if parent < 0 else T[:, parent] @ local
+    moving = np.nonzero(hand.joint >= 0)[0]
+    turns = np.zeros((len(q), len(moving), 4, 4))
+    turns[..., :3, :3] = _axis_rotations(hand.axis[moving], q[:, hand.joint[moving]])
+    turns[..., 3, 3] = 1.0
+    T = np.empty((len(q), len(hand.link_names), 4, 4))
+    T[:] = hand.origin
+    T[:, moving] = hand.origin[moving] @ turns  # so far T_parent_link
+    for link, parent in enumerate(hand.parent.tolist()):
+        if parent >= 0:
+            T[:, link] = T[:, parent] @ T[:, link]
     return T
 
 
@@ -51,6 +54,7 @@ def point_jacobian(
         joint = hand.joint[link]
         if joint >= 0:
             T = T_hand_link[link]
-            J[:, joint] = np.cross(T[:3, :3] @ hand.axis[link], point - T[:3, 3])
+            (ax, ay, az), (rx, ry, rz) = T[:3, :3] @ hand.axis[link], point - T[:3, 3]
+            J[:, joint] = ay * rz - az * ry, az * rx - ax * rz, ax * ry - ay * rx
         link = int(hand.parent[link])
     return J

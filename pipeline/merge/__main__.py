@@ -1,12 +1,15 @@
-"""`python -m pipeline.merge`: two-object grasps of all pairs from validated single grasps."""
+"""`python -m pipeline.merge --object cube`: two-object grasps of all pairs that begin with this object.
+
+Writes one table per second object into ``data/merge/<object>``.
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from itertools import product
 
 from pipeline.records import paths
+from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.running import run_stage
 
@@ -16,52 +19,62 @@ def sections() -> list[str]:
     return ["seed", "styles", "merge", "physics", "validate"]
 
 
-def merge() -> None:
-    """Merge all pairs and write ``data/merge``, whole or not at all."""
+def merge(first: str) -> None:
+    """Merge all pairs that begin with ``first`` and write their folder, whole or not at all.
+
+    Raises:
+        UserError: an input is missing or damaged, or ``styles.pinch`` does not name the object.
+    """
     parameters = load_parameters(sections())
     workers = read_parameters().compute.workers
     styles, seed = parameters["styles"], parameters["seed"]
+    if first not in styles.pinch:
+        raise UserError(
+            f"params.yaml: styles.pinch does not name {first!r}; add it there, or use one of {', '.join(styles.pinch)}."
+        )
 
     from pipeline.merge.combination import Pair
-    from pipeline.merge.grasps import distinct_grasps, validated_grasps
-    from pipeline.merge.pairs import merge_pair, summary
+    from pipeline.merge.grasps import SingleGrasp, distinct_grasps, validated_grasps
+    from pipeline.merge.pairs import merge_pairs, ready_pinches, summary
     from pipeline.records.objects import load_prepared_object
     from pipeline.records.seeds import item_generator
     from pipeline.records.tables import MERGED, VALIDATED, read_table, write_table
     from pipeline.records.writing import whole_folder
 
-    grasps = {
-        (style, name): distinct_grasps(
-            validated_grasps(read_table(paths.validated_file(style, name), VALIDATED, f"validate-{style}@{name}")),
-            parameters["merge"].distinct_distance,
-        )
-        for style in ("pinch", "side")
-        for name in getattr(styles, style)
-    }
-    objects = {name: load_prepared_object(name) for name in dict.fromkeys([*styles.pinch, *styles.side])}
-    tables = {}
-    for first, second in product(styles.pinch, styles.side):
-        pair = Pair(objects[first], objects[second], parameters["merge"], parameters["physics"], parameters["validate"])
-        generator = item_generator(seed, "merge", first, second)
-        firsts, seconds = grasps["pinch", first], grasps["side", second]
-        table = tables[first, second] = merge_pair(pair, firsts, seconds, generator, workers)
+    settings, validate = parameters["merge"], parameters["validate"]
+    physics = validate.for_floating_hand(parameters["physics"])
+
+    def grasps(style: str, name: str) -> list[SingleGrasp]:
+        table = read_table(paths.validated_file(style, name), VALIDATED, f"validate-{style}@{name}")
+        return distinct_grasps(validated_grasps(table), settings.distinct_distance)
+
+    firsts, seconds = grasps("pinch", first), {name: grasps("side", name) for name in styles.side}
+    objects = {name: load_prepared_object(name) for name in dict.fromkeys([first, *styles.side])}
+    pairs = {name: Pair(objects[first], objects[name], settings, physics, validate) for name in styles.side}
+    generators = {name: item_generator(seed, "merge", first, name) for name in styles.side}
+    ready = ready_pinches(objects[first], physics if settings.physics_test else None, firsts, workers)
+    tables = merge_pairs(pairs, ready, seconds, generators, workers)
+    for second, table in tables.items():
         print(f"{first} then {second}: {summary(table)}")
-        if not (table["rejected_by"] == "").any():
+        accepted = int((table["rejected_by"] == "").sum())
+        if accepted < settings.grasps_per_pair:
             print(
-                f"warning: no two-object grasp of {first} then {second}; there were {len(firsts)} pinch and "
-                f"{len(seconds)} side grasps to combine.",
+                f"warning: {accepted} of {settings.grasps_per_pair} two-object grasps of {first} then {second}; "
+                f"there were {len(firsts)} pinch and {len(seconds[second])} side grasps to combine.",
                 file=sys.stderr,
             )
     # Nothing is computed inside: an error in there is explained as one of writing.
-    with whole_folder(paths.MERGE_FOLDER) as folder:
-        for (first, second), table in tables.items():
+    with whole_folder(paths.merged_folder(first)) as folder:
+        for second, table in tables.items():
             write_table(folder / paths.merged_file(first, second).name, table, MERGED)
 
 
 def main() -> int:
     """Run the command."""
-    argparse.ArgumentParser(prog="python -m pipeline.merge", description=__doc__).parse_args()
-    return run_stage("merge", merge)
+    parser = argparse.ArgumentParser(prog="python -m pipeline.merge", description=__doc__)
+    parser.add_argument("--object", required=True, help="the object that is picked first, a name in params.yaml")
+    arguments = parser.parse_args()
+    return run_stage(f"merge@{arguments.object}", lambda: merge(arguments.object))
 
 
 if __name__ == "__main__":

@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 
 from pipeline.hand.allegro import load_hand
 from pipeline.hand.approach import EXTENDED_FINGER, Approach, choose_approach
-from pipeline.hand.kinematics import link_poses, points_on_links
-from pipeline.hand.surface import hand_surface
-from pipeline.merge.clearance import HAND_POINTS, hand_object_clearance, links_of, self_clearance, support_height
-from pipeline.merge.grasps import RING_JOINTS, RING_LINKS, MergedGrasp
+from pipeline.hand.parts import RING_LINKS
+from pipeline.merge.clearance import hand_object_clearance, links_of, posed_hand, self_clearance, support_height
+from pipeline.merge.grasps import RING_JOINTS, MergedGrasp, SingleGrasp
 from pipeline.records.distance import signed_distance
 from pipeline.records.objects import PreparedObject
-from pipeline.records.poses import transform_points
+from pipeline.records.poses import inverse_pose, transform_points
 
 EXTENSION_SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the way from the first grasp's ring finger to the straight one
 PATH_SHARES = (0.25, 0.5, 0.75, 1.0)  # where the opening of the ring finger is looked at
@@ -28,7 +27,7 @@ FIRST_LINE = np.arange(0.0, 0.0501, 0.005)  # m, stations on the straight way to
 ENOUGH = 0.005  # m; a ring finger farther from everything than this is out of the way
 
 
-def first_opening(grasp: MergedGrasp, object0: PreparedObject) -> tuple[NDArray[np.float64], float]:
+def first_opening(first: SingleGrasp, object0: PreparedObject) -> tuple[NDArray[np.float64], float]:
     """Choose the hand's posture for the approach to object 0.
 
     Pinching fingers as validation opened them; the ring finger straight where object 0 and the support allow it, else
@@ -38,13 +37,12 @@ def first_opening(grasp: MergedGrasp, object0: PreparedObject) -> tuple[NDArray[
         Joint angles (16,), and the ring finger's smallest signed distance, m, to object 0 (along the way in and after
         closing), to the support plane of object 0 and to the other fingers.
     """
-    first = grasp.first
     best: tuple[float, NDArray[np.float64]] | None = None
     for share in EXTENSION_SHARES:
         ring = share * EXTENDED_FINGER + (1 - share) * first.q[RING_JOINTS]
         open_q, closed_q = first.open_q.copy(), first.q.copy()
         open_q[RING_JOINTS] = closed_q[RING_JOINTS] = ring
-        clearance = min(_clearance_on_first_way(grasp, open_q, object0), self_clearance(closed_q))
+        clearance = min(_clearance_on_first_way(first, open_q, object0), self_clearance(posed_hand(closed_q)))
         if best is None or clearance > best[0]:
             best = clearance, open_q
         if clearance >= ENOUGH:
@@ -53,19 +51,16 @@ def first_opening(grasp: MergedGrasp, object0: PreparedObject) -> tuple[NDArray[
     return best[1], best[0]
 
 
-def _clearance_on_first_way(grasp: MergedGrasp, open_q: NDArray[np.float64], object0: PreparedObject) -> float:
-    hand, first = load_hand(), grasp.first
-    links = links_of(hand, RING_LINKS)
-    sample_links, samples = hand_surface(HAND_POINTS)
-    chosen = np.isin(sample_links, links)
-    points = points_on_links(link_poses(hand, open_q[None]), sample_links[chosen], samples[chosen])[0]
-    points = transform_points(first.T_object_hand, points)
+def _clearance_on_first_way(first: SingleGrasp, open_q: NDArray[np.float64], object0: PreparedObject) -> float:
+    links = links_of(load_hand(), RING_LINKS)
+    posed = posed_hand(open_q)
+    points = transform_points(first.T_object_hand, posed.points_on(links))
     swept = points[None] + FIRST_LINE[:, None, None] * first.approach_direction
     return min(
         float(signed_distance(object0, swept).min()),
         float(swept[..., 2].min() - object0.bottom),
-        hand_object_clearance(open_q, links, object0, grasp.T_hand_object0),
-        self_clearance(open_q),
+        hand_object_clearance(posed, links, object0, inverse_pose(first.T_object_hand)),
+        self_clearance(posed),
     )
 
 
@@ -115,9 +110,10 @@ def ring_motion_clearance(
     for share in PATH_SHARES:
         q = grasp.held_q.copy()
         q[RING_JOINTS] += share * (open_q[RING_JOINTS] - q[RING_JOINTS])
+        posed = posed_hand(q)
         clearances += [
-            hand_object_clearance(q, links, object0, grasp.T_hand_held0),
-            support_height(q, grasp.second.T_object_hand, object1.bottom, links),
-            self_clearance(q),
+            hand_object_clearance(posed, links, object0, grasp.T_hand_held0),
+            support_height(posed, grasp.second.T_object_hand, object1.bottom, links),
+            self_clearance(posed),
         ]
     return min(clearances)

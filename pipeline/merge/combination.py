@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from pipeline.hand.allegro import FINGER_LINKS
-from pipeline.merge.approach import first_opening, ring_motion_clearance, second_approach
+from pipeline.merge.approach import ring_motion_clearance, second_approach
 from pipeline.merge.clearance import (
     base_clearance,
     hand_clearance,
     held_object_height,
     mount_height,
     object_clearance,
+    posed_hand,
     self_clearance,
     support_height,
 )
-from pipeline.merge.grasps import MergedGrasp, SingleGrasp, fingers_are_disjoint, join
-from pipeline.merge.settling import settle_pinch
+from pipeline.merge.grasps import RING_JOINTS, MergedGrasp, SingleGrasp, fingers_are_disjoint, join
+from pipeline.merge.readiness import ReadyPinch
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.physics import PhysicsParameters
@@ -39,7 +40,7 @@ class Pair:
     validate: ValidateParameters  # directions, limits and opening of the single grasps' tests
 
 
-def try_combination(pair: Pair, grasps: tuple[SingleGrasp, SingleGrasp]) -> dict[str, Any]:
+def try_combination(pair: Pair, ready: ReadyPinch, second: SingleGrasp) -> dict[str, Any]:
     """Return the row of one combination, all columns of ``MERGED`` but ``merged_id``.
 
     ``rejected_by`` is the first failed check, in this order: ``fingers``, ``settling``, ``object_clearance``,
@@ -47,18 +48,21 @@ def try_combination(pair: Pair, grasps: tuple[SingleGrasp, SingleGrasp]) -> dict
     ``second_approach``, ``ring_motion``, ``gravity``; empty when all passed. Columns of checks that were not reached
     are None.
     """
-    grasp = join(*grasps)
+    grasp = join(ready.grasp, second)
     row: dict[str, Any] = dict.fromkeys(MERGED.names)
     row |= _identity(pair, grasp)
-    if not fingers_are_disjoint(*grasps):
+    if not fingers_are_disjoint(ready.grasp, second):
         return row | {"rejected_by": "fingers"}
-    if pair.merge.physics_test:
-        grasp = settle_pinch(grasp, pair.object0, pair.physics)
-        moved = np.linalg.norm((grasp.T_hand_held0 - grasp.T_hand_object0)[:3, 3])
-        if not moved <= pair.validate.drift_limit:  # also when physics lost it and it is not a number
-            return row | {"rejected_by": "settling"}
+    moved = np.linalg.norm((ready.T_hand_held0 - grasp.T_hand_object0)[:3, 3])
+    if not moved <= pair.validate.drift_limit:  # also when physics lost it and it is not a number
+        return row | {"rejected_by": "settling"}
+    held_q = ready.held_q.copy()
+    held_q[RING_JOINTS] = second.q[RING_JOINTS]
+    grasp = replace(grasp, held_q=held_q, T_hand_held0=ready.T_hand_held0)
     row["rejected_by"] = (
-        _static_checks(pair, grasp, row) or _approach_checks(pair, grasp, row) or _gravity_check(pair, grasp, row)
+        _static_checks(pair, grasp, row)
+        or _approach_checks(pair, grasp, ready, row)
+        or _gravity_check(pair, grasp, row)
     )
     return row
 
@@ -84,29 +88,29 @@ def _identity(pair: Pair, grasp: MergedGrasp) -> dict[str, Any]:
 
 
 def _static_checks(pair: Pair, grasp: MergedGrasp, row: dict[str, Any]) -> str:
-    tolerance = pair.merge.penetration_tolerance
+    tolerance, posed = pair.merge.penetration_tolerance, posed_hand(grasp.held_q)
     row["object_clearance"] = object_clearance(grasp, pair.object0, pair.object1)
     if row["object_clearance"] < pair.merge.clearance:
         return "object_clearance"
-    row["hand_clearance"] = hand_clearance(grasp, pair.object0, pair.object1)
-    if row["hand_clearance"] < pair.merge.clearance or base_clearance(grasp, pair.object1) < -tolerance:
+    row["hand_clearance"] = hand_clearance(grasp, posed, pair.object0, pair.object1)
+    if row["hand_clearance"] < pair.merge.clearance or base_clearance(grasp, posed, pair.object1) < -tolerance:
         return "hand_clearance"
-    if self_clearance(grasp.held_q) < -tolerance:
+    if self_clearance(posed) < -tolerance:
         return "self_clearance"
     row["mount_clearance"] = mount_height(grasp, pair.object1)
     if row["mount_clearance"] < pair.merge.mount_clearance:
         return "mount_clearance"
     lowest = min(
-        support_height(grasp.held_q, grasp.second.T_object_hand, pair.object1.bottom),
+        support_height(posed, grasp.second.T_object_hand, pair.object1.bottom),
         held_object_height(grasp, pair.object0, pair.object1),
     )
     return "support_clearance" if lowest < -tolerance else ""
 
 
-def _approach_checks(pair: Pair, grasp: MergedGrasp, row: dict[str, Any]) -> str:
+def _approach_checks(pair: Pair, grasp: MergedGrasp, ready: ReadyPinch, row: dict[str, Any]) -> str:
     tolerance = pair.merge.penetration_tolerance
-    row["open_q0"], clearance = first_opening(grasp, pair.object0)
-    if clearance < -tolerance:
+    row["open_q0"] = ready.open_q0
+    if ready.opening_clearance < -tolerance:
         return "first_approach"
     approach = second_approach(
         grasp, pair.object0, pair.object1, pair.validate.side_opening, pair.merge.approach_lengths, tolerance

@@ -10,12 +10,12 @@ import numpy as np
 Combination = tuple[int, int]  # positions in the two lists of single grasps
 
 
-def random_order(first_count: int, second_count: int, generator: np.random.Generator) -> list[Combination]:
-    """Return every combination of two lists once, in random order."""
-    return [
-        (int(index) // second_count, int(index) % second_count)
-        for index in generator.permutation(first_count * second_count)
-    ]
+def random_order(
+    first_count: int, second_count: int, generator: np.random.Generator, most: int | None = None
+) -> list[Combination]:
+    """Return the combinations of two lists, each once, in random order; at most ``most`` of them."""
+    chosen = generator.permutation(first_count * second_count)[:most]
+    return [(int(index) // second_count, int(index) % second_count) for index in chosen]
 
 
 def next_combinations(
@@ -30,7 +30,7 @@ def next_combinations(
     Returns:
         At most ``count`` combinations to try, and what remains pending, in order. Combinations met on the way whose
         grasps are used up are in neither, those that must wait for the outcome of the taken ones remain. What lies
-        behind the last one taken is not looked at: there may be half a million.
+        behind the last one taken is not looked at: there may be many.
     """
     used: tuple[Counter[int], Counter[int]] = Counter(a for a, _ in accepted), Counter(b for _, b in accepted)
     spent = used[0].copy(), used[1].copy()

@@ -8,14 +8,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import FINGER_LINKS, load_hand
-from pipeline.hand.kinematics import link_poses, points_on_links
 from pipeline.hand.moves import finger_joints
-from pipeline.hand.surface import hand_surface
+from pipeline.hand.parts import part_points
 from pipeline.records.poses import inverse_pose, pose_matrix, transform_points
 
 RING_JOINTS = finger_joints(["ring"])
-RING_LINKS = ("link_8.0", *FINGER_LINKS["ring"])
 
 
 @dataclass(frozen=True)
@@ -43,7 +40,7 @@ class MergedGrasp:
     T_hand_object0: NDArray[np.float64]  # (4, 4)
     T_hand_object1: NDArray[np.float64]  # (4, 4)
     held_q: NDArray[np.float64]  # (16,) like q, but the pinching fingers as they are once they squeeze
-    T_hand_held0: NDArray[np.float64]  # (4, 4) of object 0 then; see pipeline.merge.settling
+    T_hand_held0: NDArray[np.float64]  # (4, 4) of object 0 then; see pipeline.physics.settling
 
 
 def validated_grasps(table: pd.DataFrame) -> list[SingleGrasp]:
@@ -66,32 +63,25 @@ def validated_grasps(table: pd.DataFrame) -> list[SingleGrasp]:
 
 def _shape(grasp: SingleGrasp) -> NDArray[np.float64]:
     """Surface points (n, 3), object frame, of the part of the hand that a merged grasp takes from this one."""
-    hand = load_hand()
-    links, points = hand_surface(300)
-    ring = np.isin(links, [hand.link(name) for name in RING_LINKS])
-    palm = links == hand.link("base_link")
-    own = ring | palm if "ring" in grasp.fingers else ~ring
-    inside = points_on_links(link_poses(hand, grasp.q[None]), links[own], points[own])[0]
-    return transform_points(grasp.T_object_hand, inside)
+    style = "side" if "ring" in grasp.fingers else "pinch"
+    return transform_points(grasp.T_object_hand, part_points(style, grasp.q))
 
 
 def distinct_grasps(grasps: list[SingleGrasp], distance: float) -> list[SingleGrasp]:
-    """Return the grasps without those that nearly repeat an earlier one.
+    """Return the grasps, all of one style, without those that nearly repeat an earlier one.
 
     Args:
         distance: m; two grasps are one when the parts of the hand that count lie closer than this on average.
     """
-    kept: list[SingleGrasp] = []
-    shapes: list[NDArray[np.float64]] = []
-    for grasp in grasps:
-        shape = _shape(grasp)
-        if all(
-            shape.shape != other.shape or float(np.linalg.norm(shape - other, axis=1).mean()) >= distance
-            for other in shapes
-        ):
-            kept.append(grasp)
-            shapes.append(shape)
-    return kept
+    if not grasps:
+        return []
+    shapes = np.stack([_shape(grasp) for grasp in grasps])
+    kept: list[int] = []
+    for index, shape in enumerate(shapes):
+        apart = np.linalg.norm(shapes[kept] - shape, axis=2).mean(1)
+        if (apart >= distance).all():
+            kept.append(index)
+    return [grasps[index] for index in kept]
 
 
 def join(first: SingleGrasp, second: SingleGrasp) -> MergedGrasp:

@@ -26,9 +26,14 @@ class Body:
         """``T_world_body`` (4, 4)."""
         return from_sapien(self.component.entity_pose)
 
-    def move_to(self, T_world_body: ArrayLike) -> None:
-        """Carry a kinematic body to a pose during the next step, with the velocity that this takes."""
-        self.component.kinematic_target = to_sapien(T_world_body)
+    def carry_to(self, position: ArrayLike) -> None:
+        """Carry a kinematic body that is not turned to ``position`` (3,), m, during the next step.
+
+        It moves with the velocity that this takes, so that what stands on it comes along.
+        """
+        import sapien
+
+        self.component.kinematic_target = sapien.Pose(position)
 
     @property
     def asleep(self) -> bool:
@@ -83,7 +88,7 @@ def add_support(
     kinematic: bool = True,
     name: str = "support",
 ) -> Body:
-    """Add a box that things rest on; a kinematic one can be moved with :meth:`Body.move_to`, otherwise it is static.
+    """Add a box that things rest on; a kinematic one can be moved with :meth:`Body.carry_to`, otherwise it is static.
 
     Args:
         half_size: (3,) half extents, m.

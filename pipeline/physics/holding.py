@@ -36,14 +36,42 @@ class HeldObject:
 
 
 @dataclass(frozen=True)
+class HeldGrasp:
+    """A hand around its objects."""
+
+    objects: tuple[HeldObject, ...]
+    q: NDArray[np.float64]  # (16,) joint angles at the start
+    squeeze_q: NDArray[np.float64]  # (16,) drive targets
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How one gravity direction ended, per object."""
+
+    drift: tuple[float, ...]  # m, motion of the object's origin in the hand frame from start to end
+    rotation: tuple[float, ...]  # rad, likewise
+    in_contact: tuple[bool, ...]  # an assigned link presses at the end
+    any_contact: tuple[bool, ...]  # some hand link presses at the end: the paper's rule
+
+    def held(self, limits: ValidateParameters) -> bool:
+        """Whether every object is pressed by a link that is meant to hold it, and moved within the limits."""
+        # Each by itself: max() would pass over a drift that is not a number.
+        return (
+            all(self.in_contact)
+            and all(value <= limits.drift_limit for value in self.drift)
+            and all(value <= limits.rotation_limit for value in self.rotation)
+        )
+
+
+@dataclass(frozen=True)
 class Holding:
     """Outcome of ``D`` tested gravity directions (fewer than asked for after an early rejection) for ``n`` objects."""
 
     directions: tuple[str, ...]  # tested, in order
-    drift: NDArray[np.float64]  # (D, n) m, motion of the object's origin in the hand frame from start to end
-    rotation: NDArray[np.float64]  # (D, n) rad, likewise
-    in_contact: NDArray[np.bool_]  # (D, n) an assigned link presses at the end
-    any_contact: NDArray[np.bool_]  # (D, n) some hand link presses at the end: the paper's rule
+    drift: NDArray[np.float64]  # (D, n) as in Outcome, likewise the next three
+    rotation: NDArray[np.float64]  # (D, n)
+    in_contact: NDArray[np.bool_]  # (D, n)
+    any_contact: NDArray[np.bool_]  # (D, n)
     failed_direction: str  # first direction in which an object was not held, '' if none
     steps: int  # physics steps simulated
 
@@ -60,6 +88,42 @@ def rotation_angle(first: NDArray[np.float64], second: NDArray[np.float64]) -> f
     return float(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
+def judge(
+    objects: Sequence[HeldObject], T_hand_object: Sequence[NDArray[np.float64]], pressing: Sequence[set[str]]
+) -> Outcome:
+    """Return the outcome of one direction.
+
+    Args:
+        T_hand_object: (4, 4) per object, at the end.
+        pressing: per object the hand links that press on it at the end.
+    """
+    pairs = list(zip(objects, T_hand_object, strict=True))
+    return Outcome(
+        drift=tuple(float(np.linalg.norm(T[:3, 3] - held.T_hand_object[:3, 3])) for held, T in pairs),
+        rotation=tuple(rotation_angle(held.T_hand_object, T) for held, T in pairs),
+        in_contact=tuple(
+            not links.isdisjoint(held.assigned_links) for held, links in zip(objects, pressing, strict=True)
+        ),
+        any_contact=tuple(bool(links) for links in pressing),
+    )
+
+
+def holding_of(
+    directions: Sequence[str], outcomes: Sequence[Outcome], limits: ValidateParameters, steps: int
+) -> Holding:
+    """Return the outcomes of the first ``len(outcomes)`` of ``directions`` as arrays."""
+    failed = [direction for direction, outcome in zip(directions, outcomes, strict=False) if not outcome.held(limits)]
+    return Holding(
+        directions=tuple(directions[: len(outcomes)]),
+        drift=np.array([outcome.drift for outcome in outcomes]),
+        rotation=np.array([outcome.rotation for outcome in outcomes]),
+        in_contact=np.array([outcome.in_contact for outcome in outcomes]),
+        any_contact=np.array([outcome.any_contact for outcome in outcomes]),
+        failed_direction=failed[0] if failed else "",
+        steps=steps,
+    )
+
+
 def hold_in_gravities(
     settings: PhysicsParameters,
     limits: ValidateParameters,
@@ -69,38 +133,24 @@ def hold_in_gravities(
 ) -> Holding:
     """Test the grasp in every direction of ``limits.gravity_directions``, in that order.
 
-    An object is held in a direction when an assigned link presses at the end and drift and rotation are within limits.
-    With ``limits.early_rejection`` the test ends after the first direction in which an object is not held.
+    With ``limits.early_rejection`` the test ends after the first direction in which an object is not held (see
+    :meth:`Outcome.held`).
 
     Args:
         q: (16,) joint angles at the start.
         squeeze_q: (16,) drive targets.
     """
-    rows: list[tuple[list[float], list[float], list[bool], list[bool]]] = []
-    failed, total = "", 0
+    settings = limits.for_floating_hand(settings)
+    outcomes: list[Outcome] = []
+    total = 0
     for direction in limits.gravity_directions:
         gravity = gravity_vector(direction, objects[0].T_hand_object)
-        *row, steps = _hold(settings, limits, objects, q, squeeze_q, gravity)
-        rows.append(tuple(row))  # type: ignore[arg-type]
+        outcome, steps = _hold(settings, limits, objects, q, squeeze_q, gravity)
+        outcomes.append(outcome)
         total += steps
-        drift, rotation, in_contact, _ = rows[-1]
-        # Each by itself: max() would pass over a drift that is not a number.
-        held = all(in_contact)
-        held &= all(value <= limits.drift_limit for value in drift)
-        held &= all(value <= limits.rotation_limit for value in rotation)
-        if not held and not failed:
-            failed = direction
-        if failed and limits.early_rejection:
+        if limits.early_rejection and not outcome.held(limits):
             break
-    return Holding(
-        directions=tuple(limits.gravity_directions[: len(rows)]),
-        drift=np.array([row[0] for row in rows]),
-        rotation=np.array([row[1] for row in rows]),
-        in_contact=np.array([row[2] for row in rows]),
-        any_contact=np.array([row[3] for row in rows]),
-        failed_direction=failed,
-        steps=total,
-    )
+    return holding_of(limits.gravity_directions, outcomes, limits, total)
 
 
 def _hold(
@@ -110,8 +160,8 @@ def _hold(
     q: NDArray[np.float64],
     squeeze_q: NDArray[np.float64],
     gravity: NDArray[np.float64],
-) -> tuple[list[float], list[float], list[bool], list[bool], int]:
-    """One direction: drift, rotation, assigned contact and any contact per object, and the steps simulated."""
+) -> tuple[Outcome, int]:
+    """One direction: its outcome and the steps simulated."""
     world = make_world(settings, gravity)
     robot = add_robot(world, settings, False, np.eye(4), q)
     robot.set_targets(squeeze_q)
@@ -120,15 +170,8 @@ def _hold(
         for index, held in enumerate(objects)
     ]
     steps = _run(world, robot, bodies, objects, world.steps(limits.gravity_seconds))
-    drift, rotation, in_contact, any_contact = [], [], [], []
-    for held, body in zip(objects, bodies, strict=True):
-        pose = body.pose
-        pressing = pressing_links(world, body, robot, limits.contact_impulse)
-        drift.append(float(np.linalg.norm(pose[:3, 3] - held.T_hand_object[:3, 3])))
-        rotation.append(rotation_angle(held.T_hand_object, pose))
-        in_contact.append(not pressing.isdisjoint(held.assigned_links))
-        any_contact.append(bool(pressing))
-    return drift, rotation, in_contact, any_contact, steps
+    pressing = [pressing_links(world, body, robot, limits.contact_impulse) for body in bodies]
+    return judge(objects, [body.pose for body in bodies], pressing), steps
 
 
 def _run(world: World, robot: Robot, bodies: Sequence[Body], objects: Sequence[HeldObject], steps: int) -> int:

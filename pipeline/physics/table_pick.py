@@ -83,6 +83,7 @@ def pick_from_support(
         direction: (3,) unit, object frame, from the grasp towards where the hand comes from.
         length: of the approach, m.
     """
+    settings = limits.for_floating_hand(settings)
     world = make_world(settings)
     robot = add_robot(world, settings, False, T_object_hand, open_q)
     away = -length * direction
@@ -123,7 +124,7 @@ def _carry(rig: _Rig, start: NDArray[np.float64], end: NDArray[np.float64], seco
     touched, steps = False, rig.world.steps(seconds)
     for step in range(1, steps + 1):
         share = step / steps
-        rig.support.move_to(_at(start + (3 * share**2 - 2 * share**3) * (end - start)))
+        rig.support.carry_to(start + (3 * share**2 - 2 * share**3) * (end - start))
         rig.world.step()
         touched |= step % WATCH_STEPS == 0 and _touching(rig)
     return touched

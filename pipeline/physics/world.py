@@ -40,9 +40,8 @@ class World:
         return max(1, round(seconds * self.settings.frequency))
 
 
-def make_world(settings: PhysicsParameters, gravity: ArrayLike = (0.0, 0.0, -GRAVITY)) -> World:
-    """Return an empty world with constant ``gravity`` (3,), m/s2, world frame."""
-    import sapien
+def configure(settings: PhysicsParameters, gravity: ArrayLike) -> None:
+    """Give the next PhysX system of this process its settings and ``gravity`` (3,), m/s2, world frame."""
     from sapien import physx
 
     physx.set_shape_config(contact_offset=settings.contact_offset, rest_offset=0.0)
@@ -61,6 +60,14 @@ def make_world(settings: PhysicsParameters, gravity: ArrayLike = (0.0, 0.0, -GRA
         enable_friction_every_iteration=True,
         cpu_workers=0,
     )
+
+
+def make_world(settings: PhysicsParameters, gravity: ArrayLike = (0.0, 0.0, -GRAVITY)) -> World:
+    """Return an empty world with constant ``gravity`` (3,), m/s2, world frame."""
+    import sapien
+    from sapien import physx
+
+    configure(settings, gravity)
     system = physx.PhysxCpuSystem()
     system.timestep = 1.0 / settings.frequency
     return World(scene=sapien.Scene([system]), system=system, settings=settings)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import sys
 
 from pipeline.records import paths
 from pipeline.records.objects import write_prepared_object
 from pipeline.records.parameters import load_parameters
 from pipeline.records.running import run_stage
+from pipeline.records.writing import check_writable
 
 
 def sections(object_name: str = "", mesh: str = "") -> list[str]:
@@ -24,8 +26,19 @@ def prepare(object_name: str, mesh: str) -> None:
 
     name = mesh or object_name
     check_source(shape, name)
+    check_writable(paths.prepared_folder(name))
     prepared = prepare_object(name, shape, settings)
     write_prepared_object(paths.prepared_folder(name), prepared, portrait(prepared))
+    facts = prepared.provenance
+    for repair in facts["repairs"]:
+        print(f"{name}: {repair}")
+    if "guessed_unit" in facts:
+        unit, longest = facts["guessed_unit"], facts["longest_extent_in_file"]
+        print(
+            f"warning: meshes.{name}: the longest extent in the file is {longest:.4g}, taken as {unit}; confirm it "
+            f"with `unit: {unit}`, or name the right unit.",
+            file=sys.stderr,
+        )
 
 
 def main() -> int:

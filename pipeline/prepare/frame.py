@@ -23,13 +23,24 @@ def as_saved(array: NDArray[np.float64]) -> NDArray[np.float64]:
     return array.astype(np.float32).astype(np.float64)
 
 
-def canonical_vertices(vertices: NDArray[np.float64], faces: NDArray[np.int64], up: str) -> NDArray[np.float64]:
+def turned(vertices: NDArray[np.float64], degrees: float) -> NDArray[np.float64]:
+    """Return vertices (V, 3) turned about +z, counter-clockwise seen from above."""
+    cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return vertices @ np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+
+
+def canonical_vertices(
+    vertices: NDArray[np.float64], faces: NDArray[np.int64], up: str, turn: float | None = None
+) -> NDArray[np.float64]:
     """Return vertices (V, 3) in the object frame.
 
     Args:
         vertices: (V, 3) of a closed solid in the axes of its source, m.
         up: source axis that points up, such as ``+y``.
+        turn: about the vertical, degrees; None leaves even the last digit alone.
     """
-    turned = vertices @ ROTATIONS[up].T
-    _, centre, _ = solid_properties(turned, faces)
-    return as_saved(turned - centre)
+    upright = vertices @ ROTATIONS[up].T
+    if turn is not None:
+        upright = turned(upright, turn)
+    _, centre, _ = solid_properties(upright, faces)
+    return as_saved(upright - centre)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from pipeline.prepare import convex_parts, distance_grid, frame, mass, repair, resting, samples, sources
@@ -15,6 +17,10 @@ SMALLEST_MARGIN = 0.002  # m, of the support polygon around the centre of mass
 SMALLEST_TIP_ANGLE = np.radians(5.0)
 
 
+def _stands(standing: resting.Stance) -> bool:
+    return standing.margin >= SMALLEST_MARGIN and standing.tip_angle >= SMALLEST_TIP_ANGLE
+
+
 def _union_volume(parts: list[convex_parts.Mesh]) -> float:
     """Volume of the union of convex parts, m3."""
     import manifold3d
@@ -24,23 +30,34 @@ def _union_volume(parts: list[convex_parts.Mesh]) -> float:
 
 
 def prepare_object(
-    name: str, shape: ObjectParameters | MeshParameters, parameters: PrepareParameters
+    name: str,
+    shape: ObjectParameters | MeshParameters,
+    parameters: PrepareParameters,
+    raw: sources.RawMesh | None = None,
 ) -> PreparedObject:
     """Return the prepared object.
+
+    Args:
+        raw: its triangles, where they have been read already.
 
     Raises:
         UserError: the source is missing or cannot become one solid that stands with its ``up`` axis upward.
     """
-    raw = sources.raw_mesh(shape, name)
+    raw = raw or sources.raw_mesh(shape, name)
     solid = repair.repair(raw.vertices, raw.faces, name)
     faces = solid.faces
-    vertices = frame.canonical_vertices(solid.vertices, faces, shape.up)
+    vertices = frame.canonical_vertices(solid.vertices, faces, shape.up, shape.turn)
     standing = resting.stance(vertices)
-    if standing.margin < SMALLEST_MARGIN or standing.tip_angle < SMALLEST_TIP_ANGLE:
+    if not _stands(standing):
+        others = [
+            axis
+            for axis in frame.ROTATIONS
+            if _stands(resting.stance(frame.canonical_vertices(solid.vertices, faces, axis)))
+        ]
+        advice = f"set `up` to {' or '.join(others)}" if others else "give it a flat base or turn the mesh"
         raise UserError(
             f"{name}: the object does not stand with {shape.up} up (its centre of mass is "
-            f"{1000 * standing.margin:.1f} mm inside its support, {1000 * SMALLEST_MARGIN:g} are needed); set `up` to "
-            "another axis or turn the mesh."
+            f"{1000 * standing.margin:.1f} mm inside its support, {1000 * SMALLEST_MARGIN:g} are needed); {advice}."
         )
     volume, _, inertia = mass.solid_properties(vertices, faces)
     parts, lost = convex_parts.convex_parts(vertices, faces, parameters)
@@ -49,7 +66,10 @@ def prepare_object(
     # Seeded by the name alone: another run seed must not change what the objects are.
     surface = samples.surface_samples(vertices, faces, parameters.surface_points, item_generator(0, "prepare", name))
     hull_volume = mass.solid_properties(*convex_parts.convex_hull(vertices))[0]
-    repairs = list(solid.repairs)
+    provenance: dict[str, Any] = {}
+    if raw.guessed_unit:
+        provenance["guessed_unit"] = raw.guessed_unit
+        provenance["longest_extent_in_file"] = raw.longest
     return PreparedObject(
         name=name,
         vertices=vertices,
@@ -64,10 +84,11 @@ def prepare_object(
         inertia=inertia * shape.density,
         volume=volume,
         extents=np.ptp(vertices, axis=0),
-        provenance={
+        provenance=provenance
+        | {
             "source": raw.source,
             "licence": raw.licence,
-            "repairs": repairs,
+            "repairs": list(solid.repairs),
             "raw_faces": len(raw.faces),
             "faces": len(faces),
             "hull_volume": hull_volume,

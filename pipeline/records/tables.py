@@ -45,6 +45,8 @@ CANDIDATES = pa.schema(
         ("energy_table", pa.float64()),  # m, sum over hand (and flange) surface points
         ("energy_self_penetration", pa.float64()),  # m
         ("energy_joints", pa.float64()),  # rad beyond limits
+        ("energy_offset", pa.float64()),  # m2, squared distance of the contacts' middle from the centre of mass
+        ("energy_keep_out", pa.float64()),  # m, sum over points that the other object of a pair and its fingers need
         ("rejected_by", pa.string()),
     ]
 )
@@ -65,36 +67,62 @@ VALIDATED = pa.schema(
         ("contact_only_pass", pa.bool_()),  # the paper's rule: some link presses in all six directions
         ("table_approach_push", pa.float64()),  # m, how far the object moved before the fingers closed
         ("table_drift", pa.float64()),  # m, motion in the hand from the end of the squeeze to the end of the hold
+        ("settling_drift", pa.float64()),  # m, motion in the hand under a gentle squeeze alone; pinch only
     ]
 )
 
-# One row per tried combination of a pinch grasp (object 0) and a side grasp (object 1).
+
+def _column(name: str, kind: pa.DataType, description: str) -> pa.Field:
+    """A column that says in the file itself what it holds: ``pyarrow.parquet.read_schema(file).field(name)``."""
+    return pa.field(name, kind, metadata={"description": description})
+
+
+# One row per tried combination of a pinch grasp (object 0) and a side grasp (object 1). reports/dataset.md lists the
+# descriptions.
 MERGED = pa.schema(
     [
-        ("merged_id", pa.int32()),
-        ("object0", pa.string()),
-        ("object1", pa.string()),
-        ("grasp0_id", pa.int32()),
-        ("grasp1_id", pa.int32()),
-        ("fingers0", pa.string()),
-        ("fingers1", pa.string()),
-        ("q", _vector(16)),
-        ("position_hand_object0", _vector(3)),
-        ("quaternion_hand_object0", _vector(4)),
-        ("position_hand_object1", _vector(3)),
-        ("quaternion_hand_object1", _vector(4)),
-        ("squeeze_q", _vector(16)),
-        ("open_q0", _OPTIONAL_VECTOR),  # for the approach to object 0: pinching fingers open, ring out of the way
-        ("open_q1", _OPTIONAL_VECTOR),  # for the approach to object 1: pinching fingers squeeze, ring open
-        ("approach_direction0", _OPTIONAL_VECTOR),  # object 0 frame
-        ("approach_direction1", _OPTIONAL_VECTOR),  # object 1 frame
-        ("approach_length1", pa.float64()),  # m, length of the swept straight line
-        ("object_clearance", pa.float64()),  # m, smallest distance object 0 - object 1
-        ("hand_clearance", pa.float64()),  # m, smallest distance of an object to fingers that do not hold it
-        ("mount_clearance", pa.float64()),  # m, height of flange and mount over object 1's support plane
-        ("sweep_penetrations", pa.int32()),  # surface points that touch something during the second approach
-        ("gravity_drift", pa.list_(pa.float64())),  # m, worse object, per gravity direction
-        ("rejected_by", pa.string()),
+        _column("merged_id", pa.int32(), "number of the row in its pair, in the order of trial"),
+        _column("object0", pa.string(), "object picked first, held by thumb, index and middle finger"),
+        _column("object1", pa.string(), "object picked second, held by ring finger and palm"),
+        _column("grasp0_id", pa.int32(), "`grasp_id` of the pinch grasp in `data/validate/pinch/<object0>.parquet`"),
+        _column("grasp1_id", pa.int32(), "`grasp_id` of the side grasp in `data/validate/side/<object1>.parquet`"),
+        _column("fingers0", pa.string(), "who holds object 0, such as `thumb+index`"),
+        _column("fingers1", pa.string(), "who holds object 1: `ring+palm`"),
+        _column("q", _vector(16), "rad, joints of the grasp: index, middle, ring, thumb, four each, from the base"),
+        _column("position_hand_object0", _vector(3), "m, origin of object 0 in the hand frame"),
+        _column("quaternion_hand_object0", _vector(4), "w, x, y, z: turns vectors of object 0's frame to the hand's"),
+        _column("position_hand_object1", _vector(3), "m, origin of object 1 in the hand frame"),
+        _column("quaternion_hand_object1", _vector(4), "w, x, y, z: turns vectors of object 1's frame to the hand's"),
+        _column("squeeze_q", _vector(16), "rad, drive targets that press the contacts together"),
+        _column(
+            "open_q0",
+            _OPTIONAL_VECTOR,
+            "rad, joints for the approach to object 0: pinching fingers open, ring finger out of the way",
+        ),
+        _column(
+            "open_q1",
+            _OPTIONAL_VECTOR,
+            "rad, drive targets for the approach to object 1: pinching fingers squeeze, ring finger open",
+        ),
+        _column(
+            "approach_direction0",
+            _OPTIONAL_VECTOR,
+            "unit vector, object 0's frame, from the grasp towards where the hand comes from",
+        ),
+        _column("approach_direction1", _OPTIONAL_VECTOR, "the same for object 1, in its frame"),
+        _column("approach_length1", pa.float64(), "m, straight line to object 1 that sweeps through nothing"),
+        _column("object_clearance", pa.float64(), "m, smallest distance between the objects, the first one squeezed"),
+        _column("hand_clearance", pa.float64(), "m, smallest distance of an object to links that do not hold it"),
+        _column(
+            "mount_clearance", pa.float64(), "m, height of flange and mount over the plane that object 1 stands on"
+        ),
+        _column("sweep_penetrations", pa.int32(), "surface points that touch something on the way to object 1"),
+        _column(
+            "gravity_drift",
+            pa.list_(pa.float64()),
+            "m, motion in the hand per gravity direction tested, of the object that moves more",
+        ),
+        _column("rejected_by", pa.string(), "first failed check, empty for a grasp that passed all"),
     ]
 )
 

@@ -6,6 +6,7 @@ import errno
 import json
 import os
 import shutil
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +21,20 @@ def _explain(error: OSError, target: Path) -> UserError:
     if error.errno == errno.ENOSPC:
         return UserError(f"cannot write {target}: the disk is full; free some space and run again.")
     return UserError(f"cannot write {target}: {error.strerror or error}.")
+
+
+def check_writable(target: Path) -> None:
+    """Find out before long work whether ``target`` can be written, by making and removing a file beside it.
+
+    Raises:
+        UserError: the folder cannot be written to.
+    """
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=target.parent):
+            pass
+    except OSError as error:
+        raise _explain(error, target) from error
 
 
 @contextmanager

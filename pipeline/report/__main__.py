@@ -1,4 +1,4 @@
-"""Command of the report: one offline page, its figures, and the summary of every headline number."""
+"""Command of the report: one offline page, its figures, the data card, and the summary of every headline number."""
 
 from __future__ import annotations
 
@@ -18,9 +18,12 @@ def sections() -> list[str]:
 
 
 def work() -> None:
-    """Read every table, count, draw, and write the page, the figures and the summary."""
+    """Read every table, count, draw, and write the page, the figures, the card and the summary."""
     parameters = load_parameters(sections())
     from pipeline.records.reconstructions import load_reconstruction_metrics
+    from pipeline.records.tables import MERGED
+    from pipeline.report.dataset_card import CardContent, ObjectFacts, dataset_card
+    from pipeline.report.diversity import diversity
     from pipeline.report.drawing import draw_views, load_objects
     from pipeline.report.figure_files import heat_map_picture, strip_picture
     from pipeline.report.page import PageContent, build_page
@@ -46,7 +49,25 @@ def work() -> None:
     reconstructions = {name: load_reconstruction_metrics(name) for name in parameters["captures"]}
     summary = summarize(parameters["scale"], funnels, merges, trials, reconstructions)
     workers = read_parameters().compute.workers
-    views, shapes = draw_views(tables, load_objects(tables), parameters["report"], evaluate, workers)
+    objects = load_objects(tables)
+    used, pair_diversities = diversity(tables)
+    card = CardContent(
+        scale=parameters["scale"],
+        seed=parameters["seed"],
+        funnels=funnels,
+        merges=merges,
+        used=used,
+        diversity=pair_diversities,
+        distinct_distance=parameters["merge"].distinct_distance,
+        objects=[
+            ObjectFacts(name, one.provenance["source"], one.provenance["licence"], one.extents.tolist(), one.mass)
+            for name, one in objects.items()
+        ],
+        columns=MERGED,
+        versions=installed_versions(),
+        settings=settings,
+    )
+    views, shapes = draw_views(tables, objects, parameters["report"], evaluate, workers)
     content = PageContent(
         summary=summary,
         funnels=funnels,
@@ -72,6 +93,8 @@ def work() -> None:
                 (folder / f"{view.name}-{kind}.jpg").write_bytes(strip_picture(strip))
     with whole_file(paths.REPORT_PAGE) as temporary:
         temporary.write_text(page, encoding="utf-8")
+    with whole_file(paths.DATASET_CARD) as temporary:
+        temporary.write_text(dataset_card(card), encoding="utf-8")
     write_json(paths.SUMMARY_FILE, summary)
 
 

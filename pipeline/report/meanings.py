@@ -24,6 +24,7 @@ VALIDATION = {
     "table:touch": "the hand pressed on the support",
     "table:drop": "the object was not held when the support was taken away",
     "table:drift": "the object moved or turned too far in the hand when the support was taken away",
+    "settling": "a pinched object slid too far when the fingers closed gently, without gravity",
     "not_tested": "left out, as enough candidates of this object were tested",
 }
 MERGE = {

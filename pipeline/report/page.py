@@ -135,8 +135,15 @@ def headline(content: PageContent) -> str:
             ("main", percent(float(least)), f"success of the worst pair (paper {percent(paper.MINIMUM_SUCCESS)})")
         )
         tiles.append(("", str(summary[f"evaluate.{source}.trials"]), "trials with the whole robot"))
+        reachable = percent(float(summary[f"evaluate.{source}.reachable_rate"]))
+        tiles.append(("", reachable, "of two-object grasps within reach of the arm: moves were found for both picks"))
     survival = percent(float(summary["validate.survival_rate_mean"]))
     tiles += [
+        (
+            "",
+            percent(float(summary["merge.acceptance_rate_mean"])),
+            "of random pairs of validated single grasps merge (mean over pairs)",
+        ),
         ("", str(summary["merge.grasps"]), f"two-object grasps, at least {summary['merge.min_per_pair']} per pair"),
         (
             "",
@@ -181,7 +188,7 @@ def success_section(content: PageContent, source: str, pairs: Sequence[PairTrial
         interval = f"{100 * low:.0f}–{100 * high:.0f}\u202f%"
         rows.append(
             [_pair(p.first, p.second), str(p.trials), str(p.successes), percent(p.success_rate), interval]
-            + [percent(p.success_rate_10cm), percent(p.planning_failure_rate)]
+            + [percent(p.success_rate_10cm), percent(p.planning_failure_rate), percent(p.reachable_rate)]
         )
     summary, prefix = content.summary, f"evaluate.{source}"
     rows.append(
@@ -189,6 +196,7 @@ def success_section(content: PageContent, source: str, pairs: Sequence[PairTrial
         + [percent(float(summary[f"{prefix}.success_rate_mean"])), ""]
         + [percent(float(summary[f"{prefix}.success_rate_mean_10cm"]))]
         + [percent(float(summary[f"{prefix}.planning_failure_rate"]))]
+        + [percent(float(summary[f"{prefix}.reachable_rate"]))]
     )
     criterion = f"{100 * content.success_height:g} cm, {content.hold_seconds:g} s"
     headers = [
@@ -199,6 +207,7 @@ def success_section(content: PageContent, source: str, pairs: Sequence[PairTrial
         "95 % interval",
         "success (10 cm)",
         "no plan found",
+        "grasps in reach",
     ]
     bars = [(_pair(p.first, p.second), {SUCCESS: p.successes, **p.reasons}) for p in pairs]
     return (

@@ -66,6 +66,8 @@ class PairTrials:
     successes: int
     successes_10cm: int
     planning_failures: int
+    attempts: int  # two-object grasps for which moves were planned
+    planned: int  # of these, grasps with moves for both picks
     reasons: dict[str, int]  # of failed trials
 
     @property
@@ -82,6 +84,11 @@ class PairTrials:
     def planning_failure_rate(self) -> float:
         """Trials that ended because no motion was found / trials."""
         return ratio(self.planning_failures, self.trials)
+
+    @property
+    def reachable_rate(self) -> float:
+        """Grasps with moves for both picks / grasps for which moves were planned before anything had moved."""
+        return ratio(self.planned, self.attempts)
 
 
 def ratio(part: int, whole: int) -> float:
@@ -151,5 +158,7 @@ def pair_trials(first: str, second: str, trials: pd.DataFrame) -> PairTrials:
         successes=int(own["success"].sum()),
         successes_10cm=int(own["success_10cm"].sum()),
         planning_failures=sum(n for reason, n in reasons.items() if reason.startswith(PLANNING_FAILURE)),
+        attempts=int(own["planning_attempts"].sum()),
+        planned=int((own["merged_id"] >= 0).sum()),
         reasons=reasons,
     )

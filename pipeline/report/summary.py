@@ -36,8 +36,12 @@ def summarize(
     values["validate.validated"] = sum(funnel.validated for funnel in funnels)
     for merge in merges:
         values |= _of_merge(merge)
-    values["merge.grasps"] = sum(merge.accepted for merge in merges)
+    accepted = sum(merge.accepted for merge in merges)
+    values["merge.grasps"] = accepted
+    values["merge.acceptance_rate"] = ratio(accepted, sum(merge.tried for merge in merges))
     values["merge.min_per_pair"] = min((merge.accepted for merge in merges), default=0)
+    values["merge.acceptance_rate_mean"] = mean([merge.acceptance_rate for merge in merges])
+    values["merge.acceptance_rate_min_pair"] = min((merge.acceptance_rate for merge in merges), default=0.0)
     for source, pairs in trials.items():
         values |= _of_source(source, pairs)
     for capture, metrics in reconstructions.items():
@@ -102,6 +106,9 @@ def _of_source(source: str, pairs: Sequence[PairTrials]) -> dict[str, Value]:
         f"evaluate.{source}.success_rate_min_pair": min((pair.success_rate for pair in pairs), default=0.0),
         f"evaluate.{source}.success_rate_mean_10cm": mean([pair.success_rate_10cm for pair in pairs]),
         f"evaluate.{source}.planning_failure_rate": ratio(sum(pair.planning_failures for pair in pairs), trials),
+        f"evaluate.{source}.reachable_rate": ratio(
+            sum(pair.planned for pair in pairs), sum(pair.attempts for pair in pairs)
+        ),
     }
     for pair in pairs:
         item = f"evaluate.{source}.{pair.first}--{pair.second}"
@@ -110,6 +117,7 @@ def _of_source(source: str, pairs: Sequence[PairTrials]) -> dict[str, Value]:
             f"{item}.success_rate": pair.success_rate,
             f"{item}.success_rate_10cm": pair.success_rate_10cm,
             f"{item}.planning_failure_rate": pair.planning_failure_rate,
+            f"{item}.reachable_rate": pair.reachable_rate,
         }
         values |= _shares(f"{item}.failed", pair.reasons, pair.trials)
     return values

@@ -41,7 +41,7 @@ def load_tables(styles: StylesParameters) -> Tables:
             for style, name in singles
         },
         merged={
-            (first, second): read_table(paths.merged_file(first, second), MERGED, "merge")
+            (first, second): read_table(paths.merged_file(first, second), MERGED, f"merge@{first}")
             for first in styles.pinch
             for second in styles.side
         },

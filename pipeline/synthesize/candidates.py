@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.compute.fan_out import fan_out
-from pipeline.hand.allegro import load_hand
+from pipeline.hand.allegro import Hand, load_hand
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters, StyleParameters
 from pipeline.records.seeds import item_generator, item_seed
@@ -17,9 +18,6 @@ from pipeline.synthesize.chains import run_chains
 from pipeline.synthesize.energy import EnergyScene, Grasps, Terms, contact_slots
 from pipeline.synthesize.scoring import duplicates, first_failures, score_exactly
 from pipeline.synthesize.seeds import draw_seeds, free_joints
-
-CHAINS_PER_BLOCK = 32
-ALL_LINKS = 4
 
 
 @dataclass(frozen=True)
@@ -49,35 +47,51 @@ def split_chains(request: Request) -> list[Block]:
     sets = request.settings.finger_sets
     for index, fingers in enumerate(sets):
         chains = range(index, request.settings.chains, len(sets))
-        for start in range(0, len(chains), CHAINS_PER_BLOCK):
-            blocks.append(Block(request, tuple(fingers), tuple(chains[start : start + CHAINS_PER_BLOCK])))
+        for start in range(0, len(chains), request.optimizer.batch):
+            blocks.append(Block(request, tuple(fingers), tuple(chains[start : start + request.optimizer.batch])))
     return blocks
 
 
 def first_states(
     block: Block, scene: EnergyScene
 ) -> tuple[Grasps, list[NDArray[np.float64]], NDArray[np.bool_], NDArray[np.int64]]:
-    """Return what the chains of a block start from: states, contact slots, free joints (16,), seeds of the chains."""
+    """Return what the chains of a block start from: states, contact slots, free joints (16,), seeds.
+
+    States and seeds are those of all starts, chain by chain. The first is what the chain would have alone.
+    """
     request, hand = block.request, load_hand()
     settings = request.settings
     key = "+".join(block.fingers)
-    slots = contact_slots(hand, block.fingers, settings.contacts[key], settings.distal_links.get(key, ALL_LINKS))
+    slots = contact_slots(
+        hand, block.fingers, settings.contacts[key], settings.links.get(key, ()), settings.free_contacts
+    )
     identity = ("synthesize", request.prepared.name, request.style)
-    generators = [item_generator(request.run_seed, *identity, chain) for chain in block.chains]
-    seeds = np.array([item_seed(request.run_seed, *identity, chain) & 0x7FFFFFFF for chain in block.chains])
+    starts = [(chain, *([start] if start else [])) for chain in block.chains for start in range(settings.starts)]
+    generators = [item_generator(request.run_seed, *identity, *start) for start in starts]
+    seeds = np.array([item_seed(request.run_seed, *identity, *start) & 0x7FFFFFFF for start in starts])
     first = draw_seeds(scene, hand, request.style, settings, slots, generators)
-    return first, slots, free_joints(request.style), seeds
+    return first, slots, free_joints(request.style, settings), seeds
 
 
 def run_block(block: Block) -> tuple[Grasps, Terms]:
-    """Return the best states of a block's chains and their terms."""
+    """Return the states that a block's chains end with, and their terms."""
     request, hand = block.request, load_hand()
     scene = EnergyScene(request.prepared, request.energy, request.settings, request.optimizer.device)
     first, slots, free, seeds = first_states(block, scene)
-    best, _ = run_chains(scene, request.optimizer, request.settings.iterations, first, slots, free, seeds)
+    settings = request.settings
+    best, _ = run_chains(scene, request.optimizer, settings.iterations, first, slots, free, seeds, settings.starts)
     # The energy only leans against the limits, so that the best state may lie a little beyond.
     best.q = np.clip(best.q, hand.lower, hand.upper)
-    return best, scene.evaluate(best)[0]
+    terms = scene.evaluate(best)[0]
+    if request.optimizer.batch_table_term:
+        terms = replace(terms, table=np.full(len(best), terms.table.sum()))
+    return best, terms
+
+
+def touching(hand: Hand, fingers: Sequence[str], contacts: NDArray[np.int64]) -> list[str]:
+    """Return, per row of contacts (B, n), which of ``fingers`` touch, as in ``thumb+index``."""
+    own = [{hand.contact_finger[contact] for contact in row} for row in contacts]
+    return ["+".join(finger for finger in fingers if finger in touched) for touched in own]
 
 
 def block_rows(block: Block, grasps: Grasps, terms: Terms) -> pd.DataFrame:
@@ -89,7 +103,7 @@ def block_rows(block: Block, grasps: Grasps, terms: Terms) -> pd.DataFrame:
             "grasp_id": list(block.chains),
             "object": request.prepared.name,
             "style": request.style,
-            "fingers": "+".join(block.fingers),
+            "fingers": touching(load_hand(), block.fingers, grasps.contacts),
             "position_object_hand": list(grasps.position),
             "quaternion_object_hand": list(grasps.rotation),
             "q": list(grasps.q),

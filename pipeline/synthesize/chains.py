@@ -3,10 +3,11 @@
 A proposal goes down the gradient, each degree of freedom scaled by the running root mean square of its own slope
 (per grasp), plus Langevin noise; some contacts are drawn anew. It is accepted by Metropolis' rule at a temperature
 that falls; proposals with a contact used twice are rejected. Step and temperature follow the published schedule, its
-periods shortened with the chain. The state of lowest energy is kept and polished: short RMSprop steps without noise,
-its contacts fixed.
+periods shortened with the chain. The state of lowest energy, of all starts of a chain where it has several, is kept
+and polished: short RMSprop steps without noise, its contacts fixed.
 
-A chain is determined by its first state and its seed, whatever chains run beside it.
+A chain is determined by its first state and its seed, whatever chains run beside it. The settings of the released code
+(one preconditioner, one table term for the whole batch) are the exception: there it is determined by its batch.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.records.parameters.synthesize import OptimizerParameters
-from pipeline.synthesize.energy import EnergyScene, Grasps, Terms, read_grasps, read_terms
+from pipeline.synthesize.energy import EnergyScene, Grasps, Terms, chosen, read_grasps, read_terms
 
 PUBLISHED_ITERATIONS = 6000  # the decay periods of the optimizer's parameters belong to chains of this length
 ALWAYS = 1e30  # a temperature at which every proposal is accepted
@@ -41,6 +42,7 @@ def _schedule(
     schedule.temperature_period = optimizer.temperature_period * iterations / PUBLISHED_ITERATIONS
     schedule.switch_probability, schedule.noise = optimizer.switch_probability, optimizer.noise
     schedule.memory = optimizer.momentum
+    schedule.shared, schedule.repeats = int(optimizer.shared_preconditioner), int(optimizer.duplicate_contacts)
     degrees = np.concatenate([np.ones(scene.kernel.POSE), free.astype(float)])
     schedule.free = wp.array(degrees.astype(np.float32), dtype=float, device=device)
     starts = np.cumsum([0, *(len(own) for own in candidates)])
@@ -88,20 +90,39 @@ def launch_chains(
     wp, kernel, count = scene.wp, scene.kernel, len(seeds)
     grasps = read_grasps(current)
     proposal, scratch = scene.states(grasps), scene.scratch(grasps)
-    scene.launch_evaluation(current, scratch)
-    scene.launch_evaluation(best, scratch)
+    # A sum over the batch, added to each of its grasps, has the batch's number of times the slope.
+    weights = scene.weights(table_factor=count if optimizer.batch_table_term else 1)
+    for states in (current, best):
+        scene.launch_evaluation(states, scratch, weights)
     schedule = _schedule(scene, optimizer, iterations, slots, free)
     mean_square = wp.zeros((count, kernel.DEGREES), dtype=float, device=scene.device)
     seed_array = wp.array(seeds.astype(np.int32), dtype=int, device=scene.device)
-    wp.launch(
-        kernel.anneal_kernel,
-        dim=count,
-        inputs=[
-            scene.hand, scene.scene, scene.weights, schedule, current, proposal, best, scratch, mean_square,
-            seed_array, iterations,
-        ],
-        device=scene.device,
-    )  # fmt: skip
+    energy = [scene.hand, scene.scene, weights]
+    if not (optimizer.shared_preconditioner or optimizer.batch_table_term):
+        moved = [schedule, current, proposal, best, scratch, mean_square, seed_array, iterations]
+        wp.launch(kernel.anneal_kernel, dim=count, inputs=energy + moved, device=scene.device)
+        return
+
+    def recorded(kernel: Any, dim: int, *inputs: Any) -> Any:
+        return wp.launch(kernel, dim=dim, inputs=list(inputs), device=scene.device, record_cmd=True)
+
+    share = recorded(kernel.share_slopes_kernel, kernel.DEGREES, schedule, current, mean_square)
+    proposed = (schedule, current, proposal, scratch, mean_square, seed_array, 0)
+    propose = recorded(kernel.propose_kernel, count, *energy, *proposed)
+    sum_table = recorded(kernel.sum_table_kernel, 1, weights, proposal)
+    decide = recorded(kernel.decide_kernel, count, schedule, current, proposal, best, seed_array, 0)
+    if optimizer.batch_table_term:
+        for states in (current, best):
+            wp.launch(kernel.sum_table_kernel, dim=1, inputs=[weights, states], device=scene.device)
+    for iteration in range(iterations):
+        propose.set_param_at_index(len(energy) + len(proposed) - 1, iteration)
+        decide.set_param_at_index(5, iteration)
+        if optimizer.shared_preconditioner:
+            share.launch()
+        propose.launch()
+        if optimizer.batch_table_term:
+            sum_table.launch()
+        decide.launch()
 
 
 def run_chains(
@@ -112,16 +133,25 @@ def run_chains(
     slots: Sequence[NDArray[np.float64]],
     free: NDArray[np.bool_],
     seeds: NDArray[np.int64],
+    starts: int = 1,
 ) -> tuple[Grasps, Terms]:
-    """Return the best state of every chain and its terms: annealed, then polished.
+    """Return what every chain ends with, and its terms: the best state (or the last one) annealed, then polished.
 
     Args:
-        iterations: length of each chain, before polishing.
-        first: (B,) first states.
-        slots, free, seeds: see :func:`launch_chains`.
+        iterations: length of each start, before polishing.
+        first: (B * starts,) first states, the starts of a chain one after the other.
+        slots, free: see :func:`launch_chains`.
+        seeds: (B * starts,) 31-bit seeds of the starts.
+        starts: how many a chain has; all are annealed, the one of lowest energy is polished.
     """
-    best = scene.states(first)
-    launch_chains(scene, optimizer, iterations, scene.states(first), best, slots, free, seeds)
+    current, best = scene.states(first), scene.states(first)
+    launch_chains(scene, optimizer, iterations, current, best, slots, free, seeds)
+    best = best if optimizer.keep_best else current
+    if starts > 1:
+        energy = best.energy.numpy().reshape(-1, starts)
+        lowest = starts * np.arange(len(energy)) + energy.argmin(axis=1)
+        best, seeds = scene.states(chosen(read_grasps(best), lowest)), seeds[lowest]
+        scene.launch_evaluation(best, scene.scratch(read_grasps(best)), scene.weights())
     if optimizer.polish_iterations > 0:
         current = scene.states(read_grasps(best))
         launch_chains(scene, _polish(optimizer), optimizer.polish_iterations, current, best, slots, free, seeds)

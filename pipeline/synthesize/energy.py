@@ -16,8 +16,10 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.hand.allegro import FINGER_LINKS, Hand, load_hand
 from pipeline.hand.surface import hand_surface, mount_surface
+from pipeline.records.errors import UserError
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
+from pipeline.synthesize.keep_out import fingers_used, keep_out_points
 
 BLOCK = 32  # points with one bounding sphere
 OPPOSING_FINGERS = ("thumb", "palm")  # each contact set has one of them, the other fingers press against it
@@ -48,6 +50,8 @@ class Terms:
     table: NDArray[np.float64]
     self_penetration: NDArray[np.float64]
     joints: NDArray[np.float64]
+    offset: NDArray[np.float64]
+    keep_out: NDArray[np.float64]
 
 
 def block_order(points: NDArray[np.float64], size: int = BLOCK) -> list[NDArray[np.int64]]:
@@ -139,8 +143,13 @@ def warp() -> Any:
 
 
 @lru_cache(maxsize=4)
-def hand_arrays(device: str, point_count: int, with_mount: bool) -> Any:
-    """Return ``energy_kernel.HandArrays`` of the hand with ``point_count`` surface points."""
+def hand_arrays(device: str, point_count: int, with_mount: bool, keep_out_for: tuple[str, ...] | None) -> Any:
+    """Return ``energy_kernel.HandArrays`` of the hand with ``point_count`` surface points.
+
+    Args:
+        with_mount: whether flange and mount are part of it.
+        keep_out_for: fingers of the style whose keep-out points are part of it, None for no such points.
+    """
     wp = warp()
     from pipeline.synthesize import energy_kernel as kernel
 
@@ -193,6 +202,19 @@ def hand_arrays(device: str, point_count: int, with_mount: bool) -> Any:
     put("mount_points", mount, wp.vec3)
     arrays.mount_count = len(mount) if with_mount else 0
     arrays.mount_centre, arrays.mount_radius = wp.vec3(*mount_centre.tolist()), mount_radius
+    keep_out = np.zeros((0, 3)) if keep_out_for is None else keep_out_points(keep_out_for)
+    blocks = block_order(keep_out)
+    spheres = [bounding_sphere(keep_out[block]) for block in blocks]
+    put("keep_out_points", keep_out[np.concatenate([[], *blocks]).astype(np.int64)], wp.vec3)
+    put("keep_out_start", np.cumsum([0, *(len(block) for block in blocks)]), int)
+    put("keep_out_centre", np.array([centre for centre, _ in spheres]).reshape(-1, 3), wp.vec3)
+    put("keep_out_radius", [radius for _, radius in spheres], float)
+    staying_out = [
+        hand.link(name) for finger in keep_out_for or () if finger != "palm" for name in FINGER_LINKS[finger]
+    ]
+    own_parts = np.flatnonzero(np.isin(parts.link, staying_out))
+    put("own_part", own_parts, int)
+    arrays.keep_out_blocks, arrays.own_count = len(blocks), len(own_parts)
     put("contact_link", hand.contact_link, int)
     put("contact_point", hand.contact_points, wp.vec3)
     put("contact_opposes", [finger in OPPOSING_FINGERS for finger in hand.contact_finger], int)
@@ -232,6 +254,7 @@ def object_arrays(device: str, prepared: PreparedObject, energy: EnergyParameter
     arrays.torque_scale = torque_scale(prepared.extents, energy.scale_torque)
     arrays.table_height = prepared.bottom + style.table_clearance
     arrays.mount_height = prepared.bottom + (style.mount_clearance or 0.0)
+    arrays.keep_out_margin = style.keep_out_margin or 0.0
     return arrays
 
 
@@ -246,15 +269,23 @@ class EnergyScene:
 
         self.kernel = kernel
         self.device = device
-        self.hand = hand_arrays(device, energy.hand_points, style.mount_clearance is not None)
+        keep_out_for = None if style.keep_out_margin is None else fingers_used(style.finger_sets)
+        self.hand = hand_arrays(device, energy.hand_points, style.mount_clearance is not None, keep_out_for)
         self.scene = object_arrays(device, prepared, energy, style)
-        self.weights = kernel.Weights()
-        self.weights.force_closure = energy.weight_force_closure
-        self.weights.distance = energy.weight_distance
-        self.weights.penetration = energy.weight_penetration
-        self.weights.self_penetration = energy.weight_self_penetration
-        self.weights.joints = energy.weight_joints
-        self.weights.balance_forces = int(energy.balance_forces)
+        self.energy = energy
+
+    def weights(self, table_factor: int = 1) -> Any:
+        """Return ``energy_kernel.Weights``; the gradient of the table term is multiplied by ``table_factor``."""
+        weights = self.kernel.Weights()
+        weights.force_closure = self.energy.weight_force_closure
+        weights.distance = self.energy.weight_distance
+        weights.penetration = self.energy.weight_penetration
+        weights.table_slope = self.energy.weight_penetration * table_factor
+        weights.self_penetration = self.energy.weight_self_penetration
+        weights.joints = self.energy.weight_joints
+        weights.offset = self.energy.weight_offset
+        weights.balance_forces = int(self.energy.balance_forces)
+        return weights
 
     def compile(self) -> None:
         """Compile the kernels, or load them from Warp's cache."""
@@ -286,19 +317,19 @@ class EnergyScene:
         scratch.normal = wp.zeros((count, grasps.contacts.shape[1]), dtype=wp.vec3, device=self.device)
         return scratch
 
-    def launch_evaluation(self, states: Any, scratch: Any) -> None:
+    def launch_evaluation(self, states: Any, scratch: Any, weights: Any) -> None:
         """Compute terms, energies and gradients of states in place."""
         self.wp.launch(
             self.kernel.evaluate_kernel,
             dim=states.energy.shape[0],
-            inputs=[self.hand, self.scene, self.weights, states, scratch],
+            inputs=[self.hand, self.scene, weights, states, scratch],
             device=self.device,
         )
 
     def evaluate(self, grasps: Grasps) -> tuple[Terms, NDArray[np.float64]]:
         """Return terms and gradients (B, 22) of a batch; degrees of freedom as in ``energy_kernel``."""
         states = self.states(grasps)
-        self.launch_evaluation(states, self.scratch(grasps))
+        self.launch_evaluation(states, self.scratch(grasps), self.weights())
         return read_terms(states), states.gradient.numpy().astype(np.float64)
 
 
@@ -315,6 +346,12 @@ def read_grasps(states: Any) -> Grasps:
         q=states.q.numpy().astype(np.float64),
         contacts=states.contacts.numpy().astype(np.int64),
     )
+
+
+def chosen(grasps: Grasps, rows: Sequence[int] | NDArray[np.int64]) -> Grasps:
+    """Return some grasps of a batch, in the order of ``rows``."""
+    index = np.asarray(rows, dtype=np.int64)
+    return Grasps(grasps.position[index], grasps.rotation[index], grasps.q[index], grasps.contacts[index])
 
 
 def contact_positions(hand: Hand, grasps: Grasps) -> NDArray[np.float64]:
@@ -338,7 +375,9 @@ def contact_shares(hand: Hand, contacts: NDArray[np.int64], balance: bool) -> ND
     return np.where(both, 0.5 * count / mine, 1.0) if balance else np.ones(contacts.shape)
 
 
-def contact_slots(hand: Hand, fingers: Sequence[str], count: int, distal_links: int) -> list[NDArray[np.float64]]:
+def contact_slots(
+    hand: Hand, fingers: Sequence[str], count: int, links: Sequence[str] = (), free: bool = False
+) -> list[NDArray[np.float64]]:
     """Return, per contact, the chance (143,) of every candidate.
 
     The first contacts belong to one finger of the set each, so that every finger has one; further contacts are drawn
@@ -346,18 +385,30 @@ def contact_slots(hand: Hand, fingers: Sequence[str], count: int, distal_links: 
 
     Args:
         count: number of contacts, at least one per finger.
-        distal_links: links per finger, counted from the tip, that may touch.
+        links: names of the links that may touch, all of the fingers' when empty.
+        free: draw every contact from all fingers, as the released code does.
+
+    Raises:
+        UserError: a link is not of these fingers, or a finger has no link with contact candidates.
     """
+    key = "+".join(fingers)
+    unknown = sorted(set(links) - {link for finger in fingers for link in FINGER_LINKS[finger]})
+    if unknown:
+        raise UserError(
+            f"params.yaml: links of {key} names {unknown[0]!r}, which is no link of these fingers; remove it there."
+        )
     weights = np.zeros(len(hand.contact_link))
     for finger in fingers:
-        for link in FINGER_LINKS[finger][-distal_links:]:
-            own = hand.contact_link == hand.link(link)
+        touching = [link for link in FINGER_LINKS[finger] if link in links or not links]
+        for own in (hand.contact_link == hand.link(link) for link in touching):
             if own.any():
                 weights[own] = (PALM_WEIGHT if finger == "palm" else 1.0) / own.sum()
+        if not weights[np.array(hand.contact_finger) == finger].any():
+            raise UserError(f"params.yaml: links of {key} leaves the {finger} no contact; name one of its links there.")
     slots = []
     for slot in range(count):
         own = weights.copy()
-        if slot < len(fingers):
+        if slot < len(fingers) and not free:
             own[np.array(hand.contact_finger) != fingers[slot]] = 0.0
         slots.append(own / own.sum())
     return slots

@@ -22,7 +22,7 @@ import warp as wp
 TRANSLATION = 3  # degrees of freedom before the rotation
 POSE = 6  # degrees of freedom before the joints
 DEGREES = 22
-TERMS = 6  # force closure, distance, penetration, table, self-penetration, joints
+TERMS = 8  # force closure, distance, penetration, table, self-penetration, joints, offset, keep-out
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
@@ -58,6 +58,13 @@ class HandArrays:
     mount_count: int
     mount_centre: wp.vec3
     mount_radius: float
+    keep_out_points: wp.array(dtype=wp.vec3)  # hand frame, sorted into blocks
+    keep_out_start: wp.array(dtype=int)
+    keep_out_centre: wp.array(dtype=wp.vec3)
+    keep_out_radius: wp.array(dtype=float)
+    keep_out_blocks: int
+    own_part: wp.array(dtype=int)  # parts of the fingers that must stay out
+    own_count: int
     contact_link: wp.array(dtype=int)
     contact_point: wp.array(dtype=wp.vec3)
     contact_opposes: wp.array(dtype=int)  # 1 for thumb and palm, 0 for the fingers that they oppose
@@ -79,6 +86,7 @@ class ObjectArrays:
     torque_scale: float  # 1/m
     table_height: float  # z that the hand's points should stay above
     mount_height: float  # z that flange and mount should stay above
+    keep_out_margin: float  # least distance to keep-out points
 
 
 @wp.struct
@@ -88,8 +96,10 @@ class Weights:
     force_closure: float
     distance: float
     penetration: float
+    table_slope: float  # weight of the table term in the gradient
     self_penetration: float
     joints: float
+    offset: float
     balance_forces: int
 
 
@@ -132,6 +142,8 @@ class Schedule:
     switch_probability: float
     noise: float
     memory: float
+    shared: int  # 1: row 0 of the mean squares is for all chains, see share_slopes_kernel
+    repeats: int  # 1: two contacts may be the same candidate
     free: wp.array(dtype=float)  # (22,) 1 where a degree of freedom may move
     slot_start: wp.array(dtype=int)  # (contacts + 1,)
     slot_candidate: wp.array(dtype=int)  # candidates of each contact
@@ -139,8 +151,8 @@ class Schedule:
 
 
 @wp.func
-def nearest_distance(scene: ObjectArrays, p: wp.vec3):
-    """Return a lower bound (up to half a cell's diagonal) of the distance to the surface, unsigned."""
+def rough_distance(scene: ObjectArrays, p: wp.vec3):
+    """Return the signed distance at the nearest node of the grid; outside of the grid, a lower bound."""
     x = (p - scene.distance_origin) / scene.distance_spacing
     top = wp.vec3(
         float(scene.distance.shape[0] - 1), float(scene.distance.shape[1] - 1), float(scene.distance.shape[2] - 1)
@@ -148,10 +160,15 @@ def nearest_distance(scene: ObjectArrays, p: wp.vec3):
     c = wp.max(wp.min(x, top), wp.vec3(0.0, 0.0, 0.0))
     value = scene.distance[int(c[0] + 0.5), int(c[1] + 0.5), int(c[2] + 0.5)]
     beyond = wp.length(x - c) * scene.distance_spacing
-    result = wp.abs(value)
     if beyond > 0.0:
-        result = wp.max(beyond + scene.padding, value - beyond)
-    return result - scene.distance_spacing
+        value = wp.max(beyond + scene.padding, value - beyond)
+    return value
+
+
+@wp.func
+def nearest_distance(scene: ObjectArrays, p: wp.vec3):
+    """Return a lower bound (up to half a cell's diagonal) of the distance to the surface, unsigned."""
+    return wp.abs(rough_distance(scene, p)) - scene.distance_spacing
 
 
 @wp.func
@@ -278,7 +295,7 @@ def place_links(hand: HandArrays, states: States, scratch: Scratch, chain: int):
 def contact_terms(
     hand: HandArrays, scene: ObjectArrays, weights: Weights, states: States, scratch: Scratch, chain: int
 ):
-    """Force closure and distance of the contacts."""
+    """Force closure, distance and offset of the contacts."""
     count = states.contacts.shape[1]
     opposing = float(0.0)
     for slot in range(count):
@@ -292,6 +309,7 @@ def contact_terms(
     force = wp.vec3(0.0, 0.0, 0.0)
     torque = wp.vec3(0.0, 0.0, 0.0)
     distance = float(0.0)
+    centre = wp.vec3(0.0, 0.0, 0.0)
     for slot in range(count):
         candidate = states.contacts[chain, slot]
         link = hand.contact_link[candidate]
@@ -302,8 +320,10 @@ def contact_terms(
         normal = wp.normalize(gradient)
         if hand.contact_opposes[candidate] > 0:
             normal = normal * share
+            centre += p * (share / float(count))
         else:
             normal = normal * share_others
+            centre += p * (share_others / float(count))
         scratch.normal[chain, slot] = normal
         force += normal
         torque += wp.cross(p, normal)
@@ -314,10 +334,16 @@ def contact_terms(
         candidate = states.contacts[chain, slot]
         link = hand.contact_link[candidate]
         p = scratch.position[chain, link] + scratch.rotation[chain, link] @ hand.contact_point[candidate]
-        add_force(scratch, chain, link, p, wp.cross(scratch.normal[chain, slot], torque) * scale)
+        part = share_others
+        if hand.contact_opposes[candidate] > 0:
+            part = share
+        pull = centre * (2.0 * weights.offset * part / float(count))
+        add_force(scratch, chain, link, p, wp.cross(scratch.normal[chain, slot], torque) * scale + pull)
+    offset = wp.dot(centre, centre)
     states.terms[chain, 0] = closure
     states.terms[chain, 1] = distance
-    return weights.force_closure * closure + weights.distance * distance
+    states.terms[chain, 6] = offset
+    return weights.force_closure * closure + weights.distance * distance + weights.offset * offset
 
 
 @wp.func
@@ -452,6 +478,42 @@ def self_penetration_term(hand: HandArrays, weight: float, scratch: Scratch, cha
 
 
 @wp.func
+def keep_out_term(hand: HandArrays, scene: ObjectArrays, weight: float, scratch: Scratch, chain: int):
+    """Sum over the keep-out points of their depth in the object with its margin, and in the style's own fingers."""
+    total = float(0.0)
+    R = scratch.rotation[chain, 0]
+    t = scratch.position[chain, 0]
+    for index in range(hand.own_count):
+        scratch.near[chain, index] = hand.own_part[index]
+    for block in range(hand.keep_out_blocks):
+        centre = t + R @ hand.keep_out_centre[block]
+        radius = hand.keep_out_radius[block]
+        reach = radius + scene.keep_out_margin + scene.distance_spacing
+        near_object = rough_distance(scene, centre) < reach
+        mask = reached_parts(hand, scratch, chain, hand.own_count, centre, radius)
+        if near_object or mask != 0:
+            for point in range(hand.keep_out_start[block], hand.keep_out_start[block + 1]):
+                p = t + R @ hand.keep_out_points[point]
+                if near_object:
+                    value, gradient = trilinear_distance(scene, p)
+                    depth = scene.keep_out_margin - value
+                    if depth > 0.0:
+                        total += depth
+                        add_force(scratch, chain, 0, p, gradient * (-weight))
+                if mask != 0:
+                    where, deepest = deepest_part(hand, scratch, chain, hand.own_count, mask, p)
+                    if where >= 0:
+                        total += deepest
+                        link = hand.part_link[where]
+                        Q = scratch.rotation[chain, link]
+                        x = wp.transpose(Q) @ (p - scratch.part_position[chain, where])
+                        force = Q @ push_of_part(hand, where, x) * weight
+                        add_force(scratch, chain, link, p, force)
+                        add_force(scratch, chain, 0, p, -force)
+    return total
+
+
+@wp.func
 def compute_energy(
     hand: HandArrays, scene: ObjectArrays, weights: Weights, states: States, scratch: Scratch, chain: int
 ):
@@ -459,8 +521,9 @@ def compute_energy(
     place_links(hand, states, scratch, chain)
     energy = contact_terms(hand, scene, weights, states, scratch, chain)
     penetration = penetration_term(hand, scene, weights.penetration, scratch, chain)
-    table = table_term(hand, scene, weights.penetration, scratch, chain)
+    table = table_term(hand, scene, weights.table_slope, scratch, chain)
     collision = self_penetration_term(hand, weights.self_penetration, scratch, chain)
+    keep_out = keep_out_term(hand, scene, weights.penetration, scratch, chain)
     excess = float(0.0)
     for index in range(hand.link_count - 1):
         # Children come after their parents, so that each link is complete when its wrench is passed on.
@@ -494,9 +557,10 @@ def compute_energy(
     states.terms[chain, 3] = table
     states.terms[chain, 4] = collision
     states.terms[chain, 5] = excess
+    states.terms[chain, 7] = keep_out
     states.energy[chain] = (
         energy
-        + weights.penetration * (penetration + table)
+        + weights.penetration * (penetration + table + keep_out)
         + weights.self_penetration * collision
         + weights.joints * excess
     )
@@ -528,21 +592,21 @@ def propose(
     seed: int,
     iteration: int,
 ):
-    """Write a proposal; return whether its contacts are distinct, and the number that decides on its acceptance.
-
-    Random numbers depend on the chain's seed and the iteration only.
-    """
+    """Write a proposal. Random numbers depend on the chain's seed and the iteration only."""
     random = wp.rand_init(seed, iteration)
-    accept = wp.randf(random)
+    wp.randf(random)  # the number that decides on the acceptance
     step = schedule.step * wp.pow(schedule.step_decay, wp.floor(float(iteration) / schedule.step_period))
     unbias = 1.0 / (1.0 - wp.pow(schedule.memory, float(iteration + 1)))
     turn = wp.vec3(0.0, 0.0, 0.0)
     move = wp.vec3(0.0, 0.0, 0.0)
     for degree in range(wp.static(DEGREES)):
         slope = current.gradient[chain, degree]
-        square = schedule.memory * mean_square[chain, degree] + (1.0 - schedule.memory) * slope * slope
-        mean_square[chain, degree] = square
-        change = -slope / wp.sqrt(square * unbias + 1.0e-6) + schedule.noise * wp.randn(random)
+        square = mean_square[0, degree]
+        if schedule.shared == 0:
+            square = schedule.memory * mean_square[chain, degree] + (1.0 - schedule.memory) * slope * slope
+            mean_square[chain, degree] = square
+            square = square * unbias
+        change = -slope / wp.sqrt(square + 1.0e-6) + schedule.noise * wp.randn(random)
         change = change * step * schedule.free[degree]
         if degree < wp.static(TRANSLATION):
             move[degree] = change
@@ -567,12 +631,31 @@ def propose(
                 entry += 1
             candidate = schedule.slot_candidate[entry]
         proposal.contacts[chain, slot] = candidate
-    distinct = int(1)
-    for slot in range(count):
+
+
+@wp.func
+def is_allowed(schedule: Schedule, proposal: States, chain: int):
+    """Whether no contact of a proposal is used twice, or that does not matter."""
+    if schedule.repeats > 0:
+        return True
+    for slot in range(proposal.contacts.shape[1]):
         for other in range(slot):
             if proposal.contacts[chain, slot] == proposal.contacts[chain, other]:
-                distinct = 0
-    return distinct, accept
+                return False
+    return True
+
+
+@wp.func
+def decide(schedule: Schedule, current: States, proposal: States, best: States, chain: int, seed: int, iteration: int):
+    """Metropolis' rule: the proposal becomes the current state, and the best one if it is."""
+    accept = wp.randf(wp.rand_init(seed, iteration))
+    temperature = schedule.temperature * wp.pow(
+        schedule.temperature_decay, wp.floor(float(iteration + 1) / schedule.temperature_period)
+    )
+    if accept < wp.exp((current.energy[chain] - proposal.energy[chain]) / temperature):
+        copy_state(proposal, current, chain)
+        if proposal.energy[chain] < best.energy[chain]:
+            copy_state(proposal, best, chain)
 
 
 @wp.kernel
@@ -601,13 +684,61 @@ def anneal_kernel(
     """
     chain = wp.tid()
     for iteration in range(iterations):
-        distinct, accept = propose(schedule, current, proposal, mean_square, chain, seeds[chain], iteration)
-        if distinct > 0:
+        propose(schedule, current, proposal, mean_square, chain, seeds[chain], iteration)
+        if is_allowed(schedule, proposal, chain):
             compute_energy(hand, scene, weights, proposal, scratch, chain)
-            temperature = schedule.temperature * wp.pow(
-                schedule.temperature_decay, wp.floor(float(iteration + 1) / schedule.temperature_period)
-            )
-            if accept < wp.exp((current.energy[chain] - proposal.energy[chain]) / temperature):
-                copy_state(proposal, current, chain)
-                if proposal.energy[chain] < best.energy[chain]:
-                    copy_state(proposal, best, chain)
+            decide(schedule, current, proposal, best, chain, seeds[chain], iteration)
+
+
+# The same in steps, for chains of a batch that influence each other.
+
+
+@wp.kernel
+def share_slopes_kernel(schedule: Schedule, current: States, mean_square: wp.array(dtype=float, ndim=2)):
+    """Update row 0 of the mean squares with the batch's mean; one thread per degree of freedom."""
+    degree = wp.tid()
+    total = float(0.0)
+    for chain in range(current.energy.shape[0]):
+        slope = current.gradient[chain, degree]
+        total += slope * slope
+    mean = total / float(current.energy.shape[0])
+    mean_square[0, degree] = schedule.memory * mean_square[0, degree] + (1.0 - schedule.memory) * mean
+
+
+@wp.kernel
+def propose_kernel(
+    hand: HandArrays,
+    scene: ObjectArrays,
+    weights: Weights,
+    schedule: Schedule,
+    current: States,
+    proposal: States,
+    scratch: Scratch,
+    mean_square: wp.array(dtype=float, ndim=2),
+    seeds: wp.array(dtype=int),
+    iteration: int,
+):
+    """Proposals and their energies, one thread per chain."""
+    chain = wp.tid()
+    propose(schedule, current, proposal, mean_square, chain, seeds[chain], iteration)
+    compute_energy(hand, scene, weights, proposal, scratch, chain)
+
+
+@wp.kernel
+def sum_table_kernel(weights: Weights, states: States):
+    """Give every state of the batch the table terms of all; one thread, so that the order of the sum is fixed."""
+    total = float(0.0)
+    for chain in range(states.energy.shape[0]):
+        total += states.terms[chain, 3]
+    for chain in range(states.energy.shape[0]):
+        states.energy[chain] = states.energy[chain] + weights.penetration * (total - states.terms[chain, 3])
+
+
+@wp.kernel
+def decide_kernel(
+    schedule: Schedule, current: States, proposal: States, best: States, seeds: wp.array(dtype=int), iteration: int
+):
+    """Metropolis' rule, one thread per chain."""
+    chain = wp.tid()
+    if is_allowed(schedule, proposal, chain):
+        decide(schedule, current, proposal, best, chain, seeds[chain], iteration)

@@ -65,7 +65,7 @@ def score_exactly(
 ) -> tuple[Terms, NDArray[np.float64], NDArray[np.float64]]:
     """Return terms with force closure, distance and energy taken from the mesh, contact points and normals (B, n, 3).
 
-    The other terms do not use the distance grid, so they are exact already.
+    The others do not use the distance grid, so they are exact already; but for the keep-out term, which only steers.
     """
     points = contact_positions(hand, grasps)
     distance, normals = ExactSurface(prepared).distance_and_normal(points.reshape(-1, 3))
@@ -76,22 +76,27 @@ def score_exactly(
     total = (
         energy.weight_force_closure * exact.force_closure
         + energy.weight_distance * exact.distance
-        + energy.weight_penetration * (exact.penetration + exact.table)
+        + energy.weight_penetration * (exact.penetration + exact.table + exact.keep_out)
         + energy.weight_self_penetration * exact.self_penetration
         + energy.weight_joints * exact.joints
+        + energy.weight_offset * exact.offset
     )
     return replace(exact, energy=total), points, normals
 
 
 def first_failures(terms: Terms, energy: EnergyParameters) -> NDArray[np.str_]:
     """Return per grasp the first check that it fails, '' if none; a term that is not a number fails."""
+
+    def limit(value: float | None) -> float:
+        return np.inf if value is None else value
+
     checks = {
-        "joints": ~(terms.joints <= energy.limit_joints),
+        "joints": ~(terms.joints <= limit(energy.limit_joints)),
         "distance": ~(terms.distance <= energy.limit_distance),
         "force_closure": ~(terms.force_closure <= energy.limit_force_closure),
         "penetration": ~(terms.penetration <= energy.limit_penetration),
         "table": ~(terms.penetration + terms.table <= energy.limit_penetration),
-        "self_penetration": ~(terms.self_penetration <= energy.limit_self_penetration),
+        "self_penetration": ~(terms.self_penetration <= limit(energy.limit_self_penetration)),
     }
     reasons = np.full(len(terms.energy), "", dtype="<U32")
     for name, failed in checks.items():

@@ -30,15 +30,33 @@ SIDE_ROTATION = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
 PINCH_POSTURE = np.array([0, 0.5, 0, 0, 0, 0.5, 0, 0, 0, -0.1, 0, 0, 1.4, 0, 0, 0])
 # Ring as released; thumb, index and middle as in a pinch of a 4-6 cm object.
 SIDE_POSTURE = np.array([0, 0.9, 0.45, 0.35, 0.05, 0.75, 0.3, 0.25, 0.02, 0.8, 0.6, 0.6, 1.33, 0.1, 0.42, 0.38])
+RELEASED_POSTURE = {
+    "pinch": np.array([0, 0.5, 0, 0, 0, 0.5, 0, 0, 0, 0.5, 0, 0, 1.4, 0, 0, 0]),
+    "side": np.array([0, -0.196, 0, 0.4, 0, 0.7, 0, 0.4, 0.021, 1.395, 1.05, 0.797, 0.263, 0, 0, 0]),
+}
 HELD_SPREAD = 0.1  # rad, spread of joints that stay where they are drawn
 HELD_FINGERS = {"pinch": ("ring",), "side": ("thumb", "index", "middle")}
 
 
-def free_joints(style: str) -> NDArray[np.bool_]:
+def free_joints(style: str, settings: StyleParameters) -> NDArray[np.bool_]:
     """Return (16,) joints that synthesis may move; the others belong to the other object of a pair."""
     free = np.ones(16, dtype=bool)
-    free[finger_joints(HELD_FINGERS[style])] = False
+    if not settings.released_seeds:
+        free[finger_joints(HELD_FINGERS[style])] = False
     return free
+
+
+def perturbed_columns(R: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+    """Return the rotation (3, 3) whose first two columns are those of ``R`` with noise on each of the six entries.
+
+    The released code's 6-D rotation: the noisy columns a and b are made orthogonal by turning both alike, so that their
+    bisectors unit(a) + unit(b) and unit(a) - unit(b), which are orthogonal, stay what they are.
+    """
+    noisy = R[:, :2] + ROTATION_NOISE * rng.normal(size=(3, 2))
+    a, b = (noisy / np.linalg.norm(noisy, axis=0)).T
+    along, across = (a + b) / np.linalg.norm(a + b), (a - b) / np.linalg.norm(a - b)
+    x, y = (along + across) / np.sqrt(2.0), (along - across) / np.sqrt(2.0)
+    return np.stack([x, y, np.cross(x, y)], axis=1)
 
 
 def minimal_rotation(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -71,10 +89,15 @@ def draw_seed(
         v = np.array([u[0] - 0.5, u[1] - 0.5, 0.3 + 0.5 * u[2]])
         R = minimal_rotation(np.array([0, 0, 1.0]), v / np.linalg.norm(v)) @ SIDE_ROTATION
     R = Rotation.from_euler("z", settings.heading_spread * rng.uniform(-1, 1)).as_matrix() @ R
-    R = R @ Rotation.from_rotvec(ROTATION_NOISE * rng.normal(size=3)).as_matrix()
-    position = -R[:, 0] * rng.uniform(*settings.distance_from_palm)
-    mean = PINCH_POSTURE if style == "pinch" else SIDE_POSTURE
-    sigma = np.where(free_joints(style), JITTER * (hand.upper - hand.lower), HELD_SPREAD)
+    if settings.released_seeds:
+        position = -R[:, 0] * rng.uniform(*settings.distance_from_palm)
+        R = perturbed_columns(R, rng)
+        mean = RELEASED_POSTURE[style]
+    else:
+        R = R @ Rotation.from_rotvec(ROTATION_NOISE * rng.normal(size=3)).as_matrix()
+        position = -R[:, 0] * rng.uniform(*settings.distance_from_palm)
+        mean = PINCH_POSTURE if style == "pinch" else SIDE_POSTURE
+    sigma = np.where(free_joints(style, settings), JITTER * (hand.upper - hand.lower), HELD_SPREAD)
     q = _truncated_normal(rng, mean, sigma, hand)
     contacts: list[int] = []
     for slot in slots:
@@ -107,7 +130,12 @@ def draw_seeds(
     slots: Sequence[NDArray[np.float64]],
     generators: Sequence[np.random.Generator],
 ) -> Grasps:
-    """Return the first states of several chains, each from its own generator, free of collisions where possible."""
+    """Return the first states of several chains, each from its own generator, free of collisions where possible.
+
+    With ``released_seeds`` it is the first draw, whatever it collides with.
+    """
+    if settings.released_seeds:
+        return join([draw_seed(hand, style, settings, slots, generator) for generator in generators])
     best: list[Grasps | None] = [None] * len(generators)
     least = np.full(len(generators), np.inf)
     open_chains = list(range(len(generators)))

@@ -63,11 +63,11 @@ def stage_metrics(stage: str, metrics: Mapping[str, float]) -> dict[str, float]:
     """Return the metrics of one stage, under names that are the same for every object.
 
     ``validate-pinch@cube`` gets ``validate.pinch.cube.survival_rate`` as ``survival_rate``; the stages of pairs keep
-    the pair in the name: ``merge`` gets ``cube--soup_can.accepted``, ``evaluate-synthesized@cube`` its own pairs alike.
+    the pair in the name: ``merge@cube`` gets ``cube--soup_can.accepted``, ``evaluate-synthesized@cube`` its own alike.
     """
     kind, _, item = stage.partition("@")
     prefix = kind.replace("-", ".") + "."
-    if kind.startswith("evaluate-"):
+    if kind == "merge" or kind.startswith("evaluate-"):
         return {key.removeprefix(prefix): v for key, v in metrics.items() if key.startswith(f"{prefix}{item}--")}
     if item:
         prefix += f"{item}."

@@ -1,4 +1,4 @@
-"""One candidate grasp through physics: six gravities, approach sweep, tabletop test."""
+"""One candidate grasp through physics: six gravities, approach sweep, tabletop test, gentle squeeze of a pinch."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from pipeline.hand.allegro import FINGER_LINKS, load_hand
 from pipeline.hand.approach import choose_approach
 from pipeline.hand.moves import squeeze_joints
-from pipeline.physics.holding import HeldObject, Holding, hold_in_gravities
+from pipeline.physics.holding import HeldGrasp, HeldObject, Holding, hold_in_gravities
+from pipeline.physics.settling import settle_pinch
 from pipeline.physics.table_pick import pick_from_support
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
@@ -45,18 +46,32 @@ def squeeze_target(candidate: Candidate, advance: float) -> NDArray[np.float64]:
     )
 
 
+def held_grasp(prepared: PreparedObject, candidate: Candidate, advance: float) -> HeldGrasp:
+    """Return the candidate, squeezed by ``advance`` metres, as the test of holding takes it."""
+    held = HeldObject(prepared, inverse_pose(candidate.T_object_hand), assigned_links(candidate.fingers))
+    return HeldGrasp((held,), candidate.q, squeeze_target(candidate, advance))
+
+
 def check_candidate(
-    prepared: PreparedObject, candidate: Candidate, settings: PhysicsParameters, limits: ValidateParameters
+    prepared: PreparedObject,
+    candidate: Candidate,
+    settings: PhysicsParameters,
+    limits: ValidateParameters,
+    holding: Holding | None = None,
 ) -> dict[str, Any]:
     """Return the columns that physics adds to a candidate's row; columns of checks not reached are None.
 
+    Args:
+        holding: outcome of the gravities where they were tested elsewhere.
+
     Order: six gravities (``rejected_by`` becomes ``gravity:<direction>``), sweep of the approach (``approach``),
-    tabletop test (``table:push``, ``table:touch``, ``table:drop``, ``table:drift``). Without ``early_rejection`` every
-    check is made and ``rejected_by`` names the first that failed.
+    tabletop test (``table:push``, ``table:touch``, ``table:drop``, ``table:drift``), gentle squeeze of a pinch
+    (``settling``). Without ``early_rejection`` every check is made and ``rejected_by`` names the first that failed.
     """
-    squeeze_q = squeeze_target(candidate, limits.squeeze_advance)
-    held = HeldObject(prepared, inverse_pose(candidate.T_object_hand), assigned_links(candidate.fingers))
-    holding = hold_in_gravities(settings, limits, [held], candidate.q, squeeze_q)
+    grasp = held_grasp(prepared, candidate, limits.squeeze_advance)
+    squeeze_q = grasp.squeeze_q
+    if holding is None:
+        holding = hold_in_gravities(settings, limits, grasp.objects, candidate.q, squeeze_q)
     columns: dict[str, Any] = {
         "squeeze_q": squeeze_q,
         "open_q": None,
@@ -67,6 +82,7 @@ def check_candidate(
         "contact_only_pass": contact_only(holding, len(limits.gravity_directions)),
         "table_approach_push": None,
         "table_drift": None,
+        "settling_drift": None,
         "rejected_by": f"gravity:{holding.failed_direction}" if holding.failed_direction else "",
     }
     if columns["rejected_by"] and limits.early_rejection:
@@ -96,11 +112,18 @@ def check_candidate(
         approach.open_q,
         approach.direction,
         approach.length,
-        held.assigned_links,
+        grasp.objects[0].assigned_links,
     )
     failure = pick.failure(limits)
     columns |= {"table_approach_push": pick.push, "table_drift": pick.drift}
     columns["rejected_by"] = columns["rejected_by"] or (f"table:{failure}" if failure else "")
+    if candidate.style == "side" or (columns["rejected_by"] and limits.early_rejection):
+        return columns
+    T_hand_object = grasp.objects[0].T_hand_object
+    _, settled = settle_pinch(prepared, T_hand_object, candidate.q, squeeze_q, limits.for_floating_hand(settings))
+    columns["settling_drift"] = float(np.linalg.norm((settled - T_hand_object)[:3, 3]))
+    if not columns["settling_drift"] <= limits.drift_limit:  # also when physics lost it and it is not a number
+        columns["rejected_by"] = columns["rejected_by"] or "settling"
     return columns
 
 

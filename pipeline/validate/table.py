@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -9,12 +10,13 @@ import numpy as np
 import pandas as pd
 
 from pipeline.compute.fan_out import fan_out
+from pipeline.physics.holding import Holding
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.records.poses import pose_matrix
 from pipeline.records.tables import CANDIDATES, VALIDATED
-from pipeline.validate.grasp_test import Candidate, check_candidate
+from pipeline.validate.grasp_test import Candidate, check_candidate, held_grasp
 
 NOT_TESTED = "not_tested"
 
@@ -49,7 +51,8 @@ def validate_table(
     tested, left = passed[: limits.most_candidates], passed[limits.most_candidates :]
     work = partial(_check, prepared=prepared, settings=settings, limits=limits)
     items = [candidate_of(rows.loc[index].to_dict()) for index in tested]
-    results = dict(zip(tested, fan_out(work, items, workers, label), strict=True))
+    tasks = list(zip(items, _gravities_elsewhere(prepared, items, settings, limits), strict=True))
+    results = dict(zip(tested, fan_out(work, tasks, workers, label), strict=True))
     rejected_by = rows["rejected_by"].tolist()
     for index in left:
         rejected_by[index] = NOT_TESTED
@@ -61,7 +64,23 @@ def validate_table(
     return rows
 
 
+def _gravities_elsewhere(
+    prepared: PreparedObject, candidates: list[Candidate], settings: PhysicsParameters, limits: ValidateParameters
+) -> Sequence[Holding | None]:
+    """Test the gravities of all candidates on the GPU where ``limits.device`` says so."""
+    if limits.device == "cpu" or not candidates:
+        return [None] * len(candidates)
+    from pipeline.physics.holding_cuda import hold_all_in_gravities
+
+    grasps = [held_grasp(prepared, candidate, limits.squeeze_advance) for candidate in candidates]
+    return hold_all_in_gravities(settings, limits, grasps)
+
+
 def _check(
-    candidate: Candidate, prepared: PreparedObject, settings: PhysicsParameters, limits: ValidateParameters
+    task: tuple[Candidate, Holding | None],
+    prepared: PreparedObject,
+    settings: PhysicsParameters,
+    limits: ValidateParameters,
 ) -> dict[str, Any]:
-    return check_candidate(prepared, candidate, settings, limits)
+    candidate, holding = task
+    return check_candidate(prepared, candidate, settings, limits, holding)

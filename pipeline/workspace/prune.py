@@ -29,15 +29,16 @@ def stray_outputs(parameters: Parameters) -> list[Path]:
         Path("data/capture"): list(parameters.renderings),
         Path("data/reconstruct"): list(parameters.captures),
     }
-    folders = set(wanted)
+    folders = {*wanted, Path("data/merge")}
     for stage in ("synthesize", "validate"):
         wanted |= {Path("data") / stage / style: names for style, names in styles.items()}
+    wanted[Path("data/merge")] = styles["pinch"]
     wanted |= {folder: styles["pinch"] for folder in Path("data/evaluate").glob("*") if folder.is_dir()}
     return sorted(
         entry
         for folder, names in wanted.items()
         for entry in folder.glob("*")
-        if (entry.suffix == ".parquet" or folder in folders) and entry.stem not in names
+        if (entry.suffix == ".parquet" or folder in folders) and entry.name.removesuffix(".parquet") not in names
         if not entry.name.startswith(".")
     )
 

@@ -1,6 +1,7 @@
 """`params.yaml` composed from `conf/`: by DVC's own Hydra composition, and never over hand edits by accident.
 
-`conf/config.yaml` holds what all scales share, `conf/scale/<scale>.yaml` what differs. The composed file is committed,
+`conf/config.yaml` holds what all scales share, `conf/scale/<scale>.yaml` what differs, `conf/preset/<preset>.yaml`
+what replaces settings of synthesis and validation. The composed file is committed,
 because DVC and the stages read it alone; it may be edited by hand at any time.
 """
 
@@ -17,29 +18,36 @@ import yaml
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import read_parameters
+from pipeline.records.writing import whole_file
+from pipeline.workspace.parameter_text import own_meshes, with_mesh, without_meshes
 
 CONFIG_FOLDER = Path("conf")
 CONFIG_NAME = "config"
+DEFAULT_PRESET = "ours"
 
 
-def scales() -> list[str]:
-    """Return the names of the scales in ``conf/scale``."""
-    return sorted(path.stem for path in (CONFIG_FOLDER / "scale").glob("*.yaml"))
+def choices(group: str) -> list[str]:
+    """Return the names of the files in ``conf/<group>``: the scales, or the presets."""
+    return sorted(path.stem for path in (CONFIG_FOLDER / group).glob("*.yaml"))
 
 
-def compose(scale: str, target: Path) -> None:
-    """Write the composed parameters of ``scale`` to ``target``, byte for byte as `dvc exp run -S scale=...` does.
+def compose(scale: str, target: Path, preset: str = DEFAULT_PRESET) -> None:
+    """Write the composed parameters to ``target``, byte for byte as `dvc exp run -S scale=... -S preset=...` does.
 
     Raises:
-        UserError: there is no such scale, or the composed values are refused by the typed models.
+        UserError: there is no such scale or preset, or the composed values are refused by the typed models.
     """
-    if scale not in scales():
-        raise UserError(f"there is no scale {scale!r} in {CONFIG_FOLDER}/scale; use one of {', '.join(scales())}.")
+    for group, name in (("scale", scale), ("preset", preset)):
+        if name not in choices(group):
+            known = ", ".join(choices(group))
+            raise UserError(f"there is no {group} {name!r} in {CONFIG_FOLDER}/{group}; use one of {known}.")
     from dvc.utils.hydra import compose_and_dump
 
     with tempfile.TemporaryDirectory() as folder:
         composed = Path(folder) / "params.yaml"
-        compose_and_dump(composed, str(CONFIG_FOLDER.resolve()), None, CONFIG_NAME, "", [f"scale={scale}"])
+        compose_and_dump(
+            composed, str(CONFIG_FOLDER.resolve()), None, CONFIG_NAME, "", [f"scale={scale}", f"preset={preset}"]
+        )
         read_parameters(composed)
         target.write_bytes(composed.read_bytes())
 
@@ -55,12 +63,18 @@ def flatten(content: Any, prefix: str = "") -> dict[str, Any]:
     }
 
 
-def differences(scale: str) -> list[str]:
-    """Return the dotted names of the values in which ``params.yaml`` differs from what ``conf/`` composes."""
+def differences(scale: str, preset: str = DEFAULT_PRESET, count_meshes: bool = True) -> list[str]:
+    """Return the dotted names of the values in which ``params.yaml`` differs from what ``conf/`` composes.
+
+    Args:
+        count_meshes: whether objects under ``meshes``, and their place in the styles, are differences.
+    """
+    present = yaml.safe_load(paths.PARAMETERS_FILE.read_text())
     with tempfile.TemporaryDirectory() as folder:
         composed = Path(folder) / "params.yaml"
-        compose(scale, composed)
-        here, there = (flatten(yaml.safe_load(path.read_text())) for path in (paths.PARAMETERS_FILE, composed))
+        compose(scale, composed, preset)
+        here = flatten(present if count_meshes else without_meshes(present))
+        there = flatten(yaml.safe_load(composed.read_text()))
     absent = object()
     return sorted(name for name in here.keys() | there.keys() if here.get(name, absent) != there.get(name, absent))
 
@@ -69,29 +83,54 @@ def _named(names: list[str]) -> str:
     return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
 
 
-def switch(scale: str, force: bool) -> str:
-    """Compose ``params.yaml`` for ``scale`` and return what to tell the user.
+def _own_meshes_of_a_sound_file() -> dict[str, tuple[dict[str, Any], list[str]]]:
+    """Return the objects under ``meshes`` in ``params.yaml``; none where the file is missing or refused."""
+    try:
+        read_parameters()
+    except UserError:
+        return {}
+    return own_meshes(yaml.safe_load(paths.PARAMETERS_FILE.read_text()))
+
+
+def _title(scale: str, preset: str) -> str:
+    return f"scale {scale}" + (f" with the {preset} preset" if preset != DEFAULT_PRESET else "")
+
+
+def switch(scale: str, force: bool, preset: str = DEFAULT_PRESET) -> str:
+    """Compose ``params.yaml`` for ``scale`` and ``preset`` and return what to tell the user.
+
+    The user's own objects (``meshes``) belong to no scale: they are kept, in the styles that list them, also with
+    ``force``.
 
     Raises:
         UserError: ``params.yaml`` holds hand edits and ``force`` is not set.
     """
+    own = _own_meshes_of_a_sound_file()
     if paths.PARAMETERS_FILE.exists() and not force:
-        present = read_parameters().scale
-        edited = differences(present)
+        present = read_parameters()
+        edited = differences(present.scale, present.preset, count_meshes=False)
         if edited:
             raise UserError(
-                f"params.yaml differs from the scale {present} of conf/ in {_named(edited)}; "
+                f"params.yaml differs from the {_title(present.scale, present.preset)} of conf/ in {_named(edited)}; "
                 "add --force to overwrite it, or leave out --scale to use it as it is."
             )
-    compose(scale, paths.PARAMETERS_FILE)
-    return f"scale {scale}, composed from conf/ into params.yaml"
+    with tempfile.TemporaryDirectory() as folder:
+        composed = Path(folder) / "params.yaml"
+        compose(scale, composed, preset)
+        text = composed.read_text()
+    for name, (entry, styles) in own.items():
+        text = with_mesh(text, name, entry, styles)
+    with whole_file(paths.PARAMETERS_FILE) as temporary:
+        temporary.write_text(text)
+    kept = f"; kept from meshes: {', '.join(own)}" if own else ""
+    return f"{_title(scale, preset)}, composed from conf/ into params.yaml{kept}"
 
 
 def describe() -> str:
     """Return one line: which scale ``params.yaml`` holds and where it was edited by hand."""
-    scale = read_parameters().scale
-    edited = differences(scale)
-    return f"scale {scale}" + (f", edited in params.yaml: {_named(edited)}" if edited else "")
+    present = read_parameters()
+    edited = differences(present.scale, present.preset)
+    return _title(present.scale, present.preset) + (f", edited in params.yaml: {_named(edited)}" if edited else "")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -101,10 +140,13 @@ def main(arguments: list[str] | None = None) -> int:
     commands.add_parser("check", help="say which scale params.yaml holds and where it was edited")
     composing = commands.add_parser("compose", help="write params.yaml from conf/")
     composing.add_argument("scale")
+    composing.add_argument("--preset", default=DEFAULT_PRESET, help="a file of conf/preset (default: %(default)s)")
     composing.add_argument("--force", action="store_true", help="overwrite hand edits")
     chosen = parser.parse_args(arguments)
     try:
-        print(switch(chosen.scale, chosen.force) if chosen.command == "compose" else describe(), file=sys.stderr)
+        composing_now = chosen.command == "compose"
+        said = switch(chosen.scale, chosen.force, chosen.preset) if composing_now else describe()
+        print(said, file=sys.stderr)
     except UserError as error:
         print(error, file=sys.stderr)
         return 2

@@ -19,7 +19,7 @@ def test_sections_exist_in_the_committed_parameters(repository: Path) -> None:
     ("arguments", "sentence"),
     [
         (("--object", "teapot"), "styles.pinch does not name 'teapot'"),
-        (("--object", "cube"), "data/merge/cube--slender_cylinder.parquet is missing; run `dvc repro merge`"),
+        (("--object", "cube"), "data/merge/cube/slender_cylinder.parquet is missing; run `dvc repro merge@cube`"),
     ],
 )
 def test_bad_input_is_one_sentence(run_module, tmp_path, repository, arguments, sentence) -> None:

@@ -25,7 +25,7 @@ def facing_down(height: float) -> np.ndarray:
 def test_opening_moves_contacts_horizontally_away_from_the_axis() -> None:
     T = facing_down(0.15)
     contacts = np.concatenate([tip_candidates("index"), tip_candidates("thumb")])
-    first = open_postures(HAND, T, REST, "pinch", contacts, 0.015)[0]
+    first = next(open_postures(HAND, T, REST, "pinch", contacts, 0.015))
     untouched = [*FINGER_JOINTS["middle"], *FINGER_JOINTS["ring"]]
     np.testing.assert_array_equal(first[untouched], REST[untouched])
     assert (first >= HAND.lower - 1e-12).all() and (first <= HAND.upper + 1e-12).all()

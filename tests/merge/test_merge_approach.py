@@ -56,7 +56,7 @@ def test_second_approach_sees_the_held_object() -> None:
 
 def test_first_opening_takes_the_ring_out_of_the_way() -> None:
     grasp = join(pinch(), side())
-    open_q, clearance = first_opening(grasp, box())
+    open_q, clearance = first_opening(grasp.first, box())
     assert clearance > 0
     pinching = np.setdiff1d(np.arange(16), RING_JOINTS)
     np.testing.assert_array_equal(open_q[pinching], grasp.first.open_q[pinching])

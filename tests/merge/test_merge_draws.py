@@ -15,6 +15,7 @@ def test_random_order_holds_every_combination_once() -> None:
     assert order != sorted(order)
     assert order == random_order(5, 7, np.random.default_rng(0))
     assert random_order(0, 7, np.random.default_rng(0)) == []
+    assert random_order(5, 7, np.random.default_rng(0), 6) == order[:6]
 
 
 @given(

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pandas as pd
@@ -9,13 +10,18 @@ import pytest
 
 from pipeline.hand.allegro import load_hand
 from pipeline.hand.kinematics import link_poses
+from pipeline.hand.parts import RING_LINKS
 from pipeline.merge.combination import Pair, try_combination
-from pipeline.merge.pairs import merge_pair, summary
+from pipeline.merge.grasps import distinct_grasps
+from pipeline.merge.pairs import merge_pairs, ready_pinches, summary
+from pipeline.merge.readiness import ready_pinch
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.records.tables import MERGED, read_table, write_table
 from tests.merge.constructed import box, cylinder, pinch, side
+
+HAND = load_hand()
 
 
 def pair(**settings) -> Pair:
@@ -54,7 +60,7 @@ def with_mount_low():
     ],
 )
 def test_fate_of_a_combination(first, second, fate: str) -> None:
-    row = try_combination(pair(), (first, second))
+    row = try_combination(pair(), ready_pinch(box(), PhysicsParameters(), first), second)
     assert row["rejected_by"] == fate
     assert set(row) == set(MERGED.names)
     if fate == "":
@@ -69,10 +75,17 @@ def several(count: int):
     return firsts, seconds
 
 
-def merged(workers: int, **settings) -> pd.DataFrame:
+def all_merged(workers: int, seconds: dict, **settings) -> dict[str, pd.DataFrame]:
     settings = {"grasps_per_pair": 6, "most_per_grasp": 2, "distinct_distance": 0.0, "physics_test": False} | settings
-    firsts, seconds = several(6)
-    return merge_pair(pair(**settings), firsts, seconds, np.random.default_rng(4), workers)
+    firsts, _ = several(6)
+    pairs = {name: pair(**settings) for name in seconds}
+    physics = PhysicsParameters() if settings["physics_test"] else None
+    generators = {name: np.random.default_rng(4 + len(name)) for name in seconds}
+    return merge_pairs(pairs, ready_pinches(box(), physics, firsts, workers), seconds, generators, workers)
+
+
+def merged(workers: int, **settings) -> pd.DataFrame:
+    return all_merged(workers, {"can": several(6)[1]}, **settings)["can"]
 
 
 def test_wanted_number_is_reached_balanced_and_without_repetition() -> None:
@@ -99,6 +112,45 @@ def test_limits_end_the_search() -> None:
     assert len(merged(1, most_combinations=5)) == 5
     few = merged(1, grasps_per_pair=40)  # 4 usable side grasps, twice each
     assert (few.rejected_by == "").sum() == 8
-    nothing = merge_pair(pair(), [], [side()], np.random.default_rng(0), 1)
+    nothing = merge_pairs({"can": pair()}, [], {"can": [side()]}, {"can": np.random.default_rng(0)}, 1)["can"]
     assert len(nothing) == 0 and list(nothing.columns) == MERGED.names
     assert summary(nothing) == "0 accepted of 0 tried"
+
+
+def hand_around_object(single) -> np.ndarray:
+    """Positions, object frame, of the links that a merged grasp takes from a single one."""
+    own = [
+        name for name in HAND.link_names if ("ring" in single.fingers) == (name in RING_LINKS) or name == "base_link"
+    ]
+    T = single.T_object_hand @ link_poses(HAND, single.q[None])[0, [HAND.link(name) for name in own]]
+    return T[:, :3, 3]
+
+
+def test_merged_grasps_are_distinct() -> None:
+    """Single grasps 1.1 mm apart: whatever two merged grasps share one half of differs by 3 mm in the other."""
+
+    def shifted(single, index: int):
+        T = single.T_object_hand.copy()
+        T[0, 3] += 0.0011 * index
+        return replace(single, grasp_id=index, T_object_hand=T)
+
+    firsts = distinct_grasps([shifted(pinch(), index) for index in range(7)], 0.003)
+    seconds = distinct_grasps([shifted(side(), index) for index in range(7)], 0.003)
+    settings = {"grasps_per_pair": 9, "most_per_grasp": 3, "clearance": -1.0, "penetration_tolerance": 1.0}
+    chosen = pair(**settings, mount_clearance=-1.0, physics_test=False)
+    ready = ready_pinches(box(), None, firsts, 1)
+    table = merge_pairs({"can": chosen}, ready, {"can": seconds}, {"can": np.random.default_rng(0)}, 1)["can"]
+    assert (table.rejected_by == "").all() and len(table) == 9
+    of_id = [{single.grasp_id: hand_around_object(single) for single in singles} for singles in (firsts, seconds)]
+    halves = [(of_id[0][a], of_id[1][b]) for a, b in zip(table.grasp0_id, table.grasp1_id, strict=True)]
+    for one, other in combinations(halves, 2):
+        apart = [np.linalg.norm(a - b, axis=1).mean() for a, b in zip(one, other, strict=True)]
+        assert max(apart) >= 0.003 - 1e-9
+
+
+def test_a_pair_does_not_depend_on_its_neighbours() -> None:
+    seconds = several(6)[1]
+    beside = all_merged(1, {"can": seconds, "empty": [], "bottle": seconds[:2]}, grasps_per_pair=4)
+    alone = all_merged(1, {"can": seconds}, grasps_per_pair=4)["can"]
+    pd.testing.assert_frame_equal(beside["can"], alone)
+    assert len(beside["empty"]) == 0 and (beside["bottle"].rejected_by == "").sum() == 4

@@ -66,7 +66,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     content["merge"] |= {"grasps_per_pair": 2, "distinct_distance": 0.0}
     content["compute"]["workers"] = 1
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.argv", ["merge"])
+    monkeypatch.setattr("sys.argv", ["merge", "--object", "box"])
     paths.PARAMETERS_FILE.write_text(yaml.safe_dump(content))
     write_prepared(box())
     write_prepared(cylinder())
@@ -76,11 +76,11 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_command_writes_one_table_per_pair_and_nothing_else(project: Path, capsys: pytest.CaptureFixture) -> None:
-    paths.MERGE_FOLDER.mkdir(parents=True)
-    (paths.MERGE_FOLDER / "gone--cylinder.parquet").write_text("of an object that is no longer listed")
+    paths.merged_folder("box").mkdir(parents=True)
+    paths.merged_file("box", "gone").write_text("of an object that is no longer listed")
     assert stage.main() == 0
-    assert [path.name for path in paths.MERGE_FOLDER.iterdir()] == ["box--cylinder.parquet"]
-    table = read_table(paths.merged_file("box", "cylinder"), MERGED, "merge")
+    assert [path.name for path in paths.merged_folder("box").iterdir()] == ["cylinder.parquet"]
+    table = read_table(paths.merged_file("box", "cylinder"), MERGED, "merge@box")
     assert table.rejected_by.tolist() == ["", ""]
     assert sorted(table.grasp0_id) == [0, 2] and set(table.grasp1_id) == {0}  # rejected grasps are not used
     assert "box then cylinder: 2 accepted of 2 tried" in capsys.readouterr().out
@@ -92,8 +92,16 @@ def test_command_writes_one_table_per_pair_and_nothing_else(project: Path, capsy
 def test_pair_without_grasps_gets_an_empty_table_and_a_warning(project: Path, capsys: pytest.CaptureFixture) -> None:
     write_validated("side", "cylinder", side(), ["gravity:-z"])
     assert stage.main() == 0
-    assert len(read_table(paths.merged_file("box", "cylinder"), MERGED, "merge")) == 0
-    assert "no two-object grasp of box then cylinder" in capsys.readouterr().err
+    assert len(read_table(paths.merged_file("box", "cylinder"), MERGED, "merge@box")) == 0
+    assert "0 of 2 two-object grasps of box then cylinder" in capsys.readouterr().err
+
+
+def test_an_object_that_is_not_pinched_is_named(
+    project: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.argv", ["merge", "--object", "cylinder"])
+    assert stage.main() == 2
+    assert "merge@cylinder: params.yaml: styles.pinch does not name 'cylinder'" in capsys.readouterr().err
 
 
 def test_missing_input_is_one_sentence_and_leaves_the_old_result(project: Path, capsys: pytest.CaptureFixture) -> None:

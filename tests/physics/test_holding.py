@@ -3,8 +3,15 @@ import pytest
 
 from pipeline.hand.allegro import FINGER_LINKS, load_hand
 from pipeline.hand.kinematics import link_poses
-from pipeline.physics import holding
-from pipeline.physics.holding import HeldObject, gravity_vector, hold_in_gravities, rotation_angle
+from pipeline.physics.holding import (
+    HeldObject,
+    Outcome,
+    gravity_vector,
+    hold_in_gravities,
+    holding_of,
+    judge,
+    rotation_angle,
+)
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
 from tests.physics.shapes import prepared_box
@@ -80,12 +87,25 @@ def test_repeats_bit_for_bit() -> None:
     assert first.drift.tobytes() == second.drift.tobytes()
 
 
-def test_drift_that_is_not_a_number_is_not_held(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_drift_that_is_not_a_number_is_not_held() -> None:
     """Even when another object, named first, stays."""
-    q, squeeze, held = clamped_block()
-    outcome = ([0.0, float("nan")], [0.0, 0.0], [True, True], [True, True], 1)
-    monkeypatch.setattr(holding, "_hold", lambda *_: outcome)
+    still, lost = (0.0, 0.0), (0.0, float("nan"))
+    both = (True, True)
     limits = ValidateParameters()
-    assert (
-        hold_in_gravities(SETTINGS, limits, [held, held], q, squeeze).failed_direction == limits.gravity_directions[0]
-    )
+    assert Outcome(still, still, both, both).held(limits)
+    assert not Outcome(lost, still, both, both).held(limits)
+    assert not Outcome(still, lost, both, both).held(limits)
+    result = holding_of(["-x", "-z"], [Outcome(still, still, both, both), Outcome(lost, still, both, both)], limits, 2)
+    assert result.failed_direction == "-z" and result.drift.shape == (2, 2)
+
+
+def test_outcome_from_poses_and_pressing_links() -> None:
+    _, _, held = clamped_block()
+    turn = np.eye(4)
+    turn[:2, :2] = [[np.cos(0.2), -np.sin(0.2)], [np.sin(0.2), np.cos(0.2)]]
+    moved = held.T_hand_object @ turn  # about the object's own z
+    moved[:3, 3] += [0.003, 0.0, 0.004]
+    outcome = judge([held, held], [moved, held.T_hand_object], [{"link_7.0"}, set(held.assigned_links[:1])])
+    np.testing.assert_allclose(outcome.drift, [0.005, 0.0], atol=1e-12)
+    np.testing.assert_allclose(outcome.rotation, [0.2, 0.0], atol=1e-6)
+    assert outcome.in_contact == (False, True) and outcome.any_contact == (True, True)

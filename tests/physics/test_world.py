@@ -73,6 +73,6 @@ def test_kinematic_support_carries_what_stands_on_it(cube: PreparedObject) -> No
     support = add_support(world, SETTINGS, [0.1, 0.1, 0.01], shifted(z=-0.01))
     body = add_object(world, cube, SETTINGS, shifted(z=0.021))
     for step in range(200):
-        support.move_to(shifted(x=0.05 * (step + 1) / 200, z=-0.01))
+        support.carry_to([0.05 * (step + 1) / 200, 0, -0.01])
         world.step()
     assert body.pose[0, 3] == pytest.approx(0.05, abs=1e-3)

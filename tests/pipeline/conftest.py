@@ -150,7 +150,13 @@ def copy_of_sources(repository: Path, target: Path) -> WorkingCopy:
         text=True,
         check=True,
     ).stdout
-    results = {"dvc.lock", "reports/summary.json", "reports/tracking.json", "reports/durations.json"}
+    results = {
+        "dvc.lock",
+        "reports/dataset.md",
+        "reports/summary.json",
+        "reports/tracking.json",
+        "reports/durations.json",
+    }
     for name in filter(None, listed.split("\0")):
         if (repository / name).is_file() and name not in results:
             (target / name).parent.mkdir(parents=True, exist_ok=True)

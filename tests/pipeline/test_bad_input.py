@@ -15,7 +15,7 @@ COMMANDS = {
     "prepare": ("--object", "cube"),
     "synthesize": ("--style", "pinch", "--object", "cube"),
     "validate": ("--style", "side", "--object", "soup_can"),
-    "merge": (),
+    "merge": ("--object", "cube"),
     "evaluate": ("--source", "synthesized", "--object", "cube"),
     "report": (),
     "track": (),
@@ -96,7 +96,7 @@ def test_a_style_that_names_an_unknown_object_stops_every_stage(sandbox):
     content = sandbox.parameters()
     content["styles"]["side"].append("dragon")
     sandbox.write_parameters(content)
-    assert_one_sentence(run(sandbox, "merge"), "styles.side names the unknown object 'dragon'")
+    assert_one_sentence(run(sandbox, "merge", "--object", "cube"), "styles.side names the unknown object 'dragon'")
 
 
 def test_a_missing_mesh_file_is_named(sandbox):
@@ -153,12 +153,12 @@ def test_an_output_folder_without_write_permission_is_named(sandbox):
 
 def test_params_that_are_no_yaml_are_one_sentence(sandbox):
     (sandbox / "params.yaml").write_text("seed: [1\n")
-    assert_one_sentence(run(sandbox, "merge"), "params.yaml is not valid YAML")
+    assert_one_sentence(run(sandbox, "merge", "--object", "cube"), "params.yaml is not valid YAML")
 
 
 def test_outside_the_repository_the_place_is_named(sandbox, tmp_path):
     done = subprocess.run(
-        [sys.executable, "-m", "pipeline.merge"],
+        [sys.executable, "-m", "pipeline.merge", "--object", "cube"],
         cwd=tmp_path,
         capture_output=True,
         text=True,

@@ -49,7 +49,11 @@ def objects_in_tables(workspace: WorkingCopy) -> dict[str, set[str]]:
                 if column.startswith("object")
                 for name in table[column].to_pylist()
             }
-            found[str(path.relative_to(workspace.root))] = names | set(path.stem.split("--"))
+            found[str(path.relative_to(workspace.root))] = names | {path.stem, path.parent.name} - {
+                "pinch",
+                "side",
+                "synthesized",
+            }
     return found
 
 
@@ -68,6 +72,7 @@ def test_a_run_changes_only_records_in_git(finished):
     assert set(listed) <= {
         "dvc.lock",
         "params.yaml",
+        "reports/dataset.md",
         "reports/summary.json",
         "reports/tracking.json",
         "reports/durations.json",
@@ -108,6 +113,16 @@ def test_headline_figures_are_in_the_summary(finished):
     assert finished.recorded_runs() >= 2  # a parent run and its stages
 
 
+def test_the_example_of_the_data_card_runs(finished):
+    card = (finished / "reports/dataset.md").read_text()
+    (example,) = re.findall(r"```python\n(.*?)```", card, flags=re.DOTALL)
+    done = finished.command(sys.executable, "-c", example)
+    assert done.returncode == 0, done.stderr
+    accepted = json.loads((finished / "reports/summary.json").read_text())["merge.grasps"]
+    assert f"{accepted} two-object grasps of 1 pairs" in card
+    assert re.search(rf"^cube +{accepted}$", done.stdout, re.MULTILINE), done.stdout
+
+
 # --- changes
 
 
@@ -125,13 +140,15 @@ def test_a_pinch_parameter_runs_no_side_stage(workspace):
     original = (workspace / "params.yaml").read_text()
     changed(workspace, "synthesize.pinch.chains", 65)
     ran = workspace.repro().ran
-    assert ran[:3] == ["synthesize-pinch@cube", "validate-pinch@cube", "merge"]
+    assert ran[:3] == ["synthesize-pinch@cube", "validate-pinch@cube", "merge@cube"]
     assert [name for name in ran if "side" in name or name.startswith("prepare")] == []
     after = workspace.recorded_runs()
     assert after > runs
-    # Back to the first value: results are restored, nothing is computed, no run is added.
+    # Back to the first value: data are restored, no run is added.
     (workspace / "params.yaml").write_text(original)
-    assert set(workspace.repro().ran) <= {"track"}  # which may look, and finds its record
+    # The report draws again, as DVC keeps no runs of a stage with a file that only git keeps (reports/dataset.md); the
+    # record is looked for, and found.
+    assert set(workspace.repro().ran) <= {"report", "track"}
     assert workspace.fingerprints() == before
     assert workspace.recorded_runs() == after
 
@@ -145,7 +162,7 @@ def test_workers_are_no_parameter_of_any_stage(workspace):
     ("room", "stages"),
     [
         ("prepare", ["prepare@cube", "prepare@slender_cylinder"]),
-        ("merge", ["merge"]),
+        ("merge", ["merge@cube"]),
         ("evaluate", ["evaluate-synthesized@cube"]),
         ("report", ["report"]),
     ],
@@ -170,21 +187,21 @@ def test_an_object_of_one_s_own_comes_and_goes(workspace):
     # Photos are rendered again, as the folder of prepared objects is another; they are the same, and no more follows.
     ran = [name for name in workspace.repro().ran if name != "capture@tiny"]
     own = ["prepare-mesh@small_box", "synthesize-pinch@small_box", "validate-pinch@small_box"]
-    assert ran[:4] == [*own, "merge"]
-    later = ("evaluate-synthesized@", "report", "track")
-    assert [name for name in ran[4:] if not name.startswith(later)] == []
+    assert ran[:3] == own and "merge@small_box" in ran
+    later = ("merge@", "evaluate-synthesized@", "report", "track")
+    assert [name for name in ran[3:] if not name.startswith(later)] == []
     assert "evaluate-synthesized@small_box" in ran
     runs, with_box = workspace.recorded_runs(), objects_in_tables(workspace)
     assert {path for path, names in with_box.items() if "small_box" in names} == {
         "data/validate/pinch/small_box.parquet",
-        "data/merge/small_box--slender_cylinder.parquet",
+        "data/merge/small_box/slender_cylinder.parquet",
         "data/evaluate/synthesized/small_box.parquet",
     }
     assert with_box["data/validate/pinch/cube.parquet"] == tables["data/validate/pinch/cube.parquet"]
     # Gone again: gathered anew without it, and nothing of it is left where others gather.
     (workspace / "params.yaml").write_text(original)
     gone = workspace.repro()
-    assert set(gone.ran) <= {"capture@tiny", "merge", "report", "track"}, gone.output
+    assert set(gone.ran) <= {"capture@tiny", "merge@cube", "evaluate-synthesized@cube", "report", "track"}, gone.output
     assert workspace.recorded_runs() == runs
     assert objects_in_tables(workspace) == tables
     assert "small_box" not in (workspace / "reports/summary.json").read_text()
@@ -198,7 +215,7 @@ def test_an_object_of_one_s_own_comes_and_goes(workspace):
 def test_a_stray_table_reaches_no_result(workspace):
     before = workspace.fingerprints()
     shutil.copy(workspace / "data/validate/pinch/cube.parquet", workspace / "data/validate/pinch/stranger.parquet")
-    assert set(workspace.repro().ran) <= {"merge", "report"}
+    assert set(workspace.repro().ran) <= {"merge@cube", "report"}
     assert workspace.fingerprints() == before
 
 
@@ -258,7 +275,7 @@ def stage_names() -> list[str]:
     styles = {"pinch": "cube", "side": "slender_cylinder"}
     names = [f"prepare@{name}" for name in styles.values()]
     names += [f"{stage}-{style}@{name}" for stage in ("synthesize", "validate") for style, name in styles.items()]
-    return [*names, "merge", "evaluate-synthesized@cube", "capture@tiny", "reconstruct@tiny", "report"]
+    return [*names, "merge@cube", "evaluate-synthesized@cube", "capture@tiny", "reconstruct@tiny", "report"]
 
 
 @pytest.mark.parametrize("name", stage_names())
@@ -318,10 +335,10 @@ def test_a_truncated_table_is_named_by_the_stage_and_mended_by_dvc(finished, wor
     table = workspace / "data/validate/pinch/cube.parquet"
     table.write_bytes(table.read_bytes()[:-100])
     before = workspace.fingerprints("data/merge")
-    done = workspace.command(sys.executable, "-m", "pipeline.merge")
+    done = workspace.command(sys.executable, "-m", "pipeline.merge", "--object", "cube")
     assert done.returncode == 2
     assert done.stderr.splitlines() == [
-        "merge: data/validate/pinch/cube.parquet is damaged or not a parquet file; "
+        "merge@cube: data/validate/pinch/cube.parquet is damaged or not a parquet file; "
         "delete it and run `dvc repro validate-pinch@cube` to make it again."
     ]
     assert workspace.fingerprints("data/merge") == before

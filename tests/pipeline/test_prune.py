@@ -32,7 +32,7 @@ def test_only_outputs_of_objects_no_longer_named_are_removed(empty_folder, param
         "data/validate/pinch/notes.txt",
         "data/evaluate/synthesized/plum.parquet",
         "data/evaluate/learned/cube.parquet",
-        "data/merge/cube--soup_can.parquet",
+        "data/merge/cube/soup_can.parquet",
         "data/raw/lemon.stl",
         "data/prepare/.gitignore",
     )
@@ -42,6 +42,9 @@ def test_only_outputs_of_objects_no_longer_named_are_removed(empty_folder, param
         "data/validate/side/cube.parquet",  # cube is an object, but not held by ring and palm
         "data/evaluate/synthesized/lemon.parquet",
         "data/evaluate/learned/lemon.parquet",
+        "data/merge/lemon/soup_can.parquet",
+        "data/merge/soup_can/soup_can.parquet",  # not pinched
+        "data/merge/cube--soup_can.parquet",
     )
     prune(parameters)
     assert all(path.exists() for path in kept)
@@ -54,10 +57,10 @@ def test_what_killed_stages_left_is_removed_but_not_what_living_ones_write(empty
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
     (dead,) = put(f"data/validate/pinch/.cube.parquet.{ended.pid}.tmp")
-    put(f"data/.merge.{ended.pid}.tmp/cube--soup_can.parquet")
+    put(f"data/merge/.cube.{ended.pid}.tmp/soup_can.parquet")
     (living,) = put(f"data/validate/pinch/.plum.parquet.{os.getpid()}.tmp")
     prune(parameters)
-    assert not dead.exists() and not Path(f"data/.merge.{ended.pid}.tmp").exists()
+    assert not dead.exists() and not Path(f"data/merge/.cube.{ended.pid}.tmp").exists()
     assert living.exists()
 
 

@@ -10,6 +10,7 @@ from pydantic import BaseModel
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import ObjectParameters, Parameters
 from pipeline.workspace import scales
+from pipeline.workspace.scales import flatten
 
 
 @pytest.fixture
@@ -49,6 +50,48 @@ def test_every_scale_is_valid_and_states_every_value(project, scale):
     content = yaml.safe_load((project / "params.yaml").read_text())
     assert content["scale"] == scale
     assert missing(Parameters, content) == []
+
+
+@pytest.mark.parametrize("scale", ["demo", "paper", "tiny"])
+def test_the_official_preset_has_the_released_settings_on_any_scale(project, scale):
+    """Figures of the released code: step, switch, temperature, iterations, contacts, links, height over the table."""
+    scales.compose(scale, project / "ours.yaml")
+    scales.compose(scale, project / "params.yaml", "official")
+    ours, official = (yaml.safe_load((project / name).read_text()) for name in ("ours.yaml", "params.yaml"))
+    assert missing(Parameters, official) == []
+    assert (official["scale"], official["preset"]) == (scale, "official")
+    changed = {name for name in flatten(ours) if flatten(official).get(name) != flatten(ours)[name]}
+    assert {name.split(".")[0] for name in changed} == {"synthesize", "validate", "preset"}
+    # Of the validation its cost, not its verdict.
+    costs = {"contact_offset": 0.02, "early_rejection": False}
+    assert {name for name in changed if name.startswith("validate.")} == {f"validate.{name}" for name in costs}
+    assert costs.items() <= official["validate"].items()
+    chains = official["synthesize"]["optimizer"]
+    released = {"step": 0.005, "step_period": 50, "switch_probability": 0.5, "temperature": 18.0, "noise": 0.0}
+    released |= {"temperature_period": 30, "momentum": 0.02, "polish_iterations": 0, "batch_table_term": False}
+    assert released.items() <= chains.items()
+    for style, contacts, clearance in (("pinch", [2, 2, 3], 0.005), ("side", [4], 0.02)):
+        settings = official["synthesize"][style]
+        assert settings["iterations"] == 6000 and settings["table_clearance"] == clearance
+        assert [settings["contacts"]["+".join(fingers)] for fingers in settings["finger_sets"]] == contacts
+        assert settings["chains"] == ours["synthesize"][style]["chains"]
+    assert scales.describe() == f"scale {scale} with the official preset"
+
+
+def test_every_switch_of_the_synthesis_is_used_by_one_preset(project):
+    """But for the slip of the table term, which no preset repeats."""
+    for preset in ("ours", "official"):
+        scales.compose("demo", project / f"{preset}.yaml", preset)
+    ours, official = (
+        flatten(yaml.safe_load((project / f"{name}.yaml").read_text())["synthesize"]) for name in ("ours", "official")
+    )
+    alike = {name for name, value in ours.items() if isinstance(value, bool) and official[name] == value}
+    assert alike == {"optimizer.batch_table_term"}
+
+
+def test_an_unknown_preset_is_answered_with_the_known_ones(project):
+    with pytest.raises(UserError, match="no preset 'huge' .* use one of official, ours"):
+        scales.switch("demo", force=True, preset="huge")
 
 
 def missing(model: type[BaseModel], content: dict, where: str = "") -> list[str]:

@@ -6,6 +6,7 @@ from pipeline.prepare.distance_grid import distance_grid
 from pipeline.prepare.mass import solid_properties
 from pipeline.prepare.preparation import prepare_object
 from pipeline.prepare.recipes import box_mesh, cylinder_mesh
+from pipeline.prepare.sources import raw_mesh
 from pipeline.records.distance import signed_distance
 from pipeline.records.errors import UserError
 from pipeline.records.objects import read_prepared_object, write_prepared_object
@@ -141,12 +142,42 @@ def test_own_files_of_any_format(box, tmp_path, suffix):
     np.testing.assert_allclose(prepare_file(path).extents, (0.04, 0.05, 0.06), atol=1e-6)
 
 
-def test_millimetres_are_asked_for_and_obeyed(box, tmp_path):
+@pytest.mark.parametrize(("factor", "unit"), [(1, "m"), (100, "cm"), (1000, "mm")], ids=lambda value: str(value))
+def test_a_unit_is_guessed_and_said_or_obeyed(box, tmp_path, factor, unit):
+    path = tmp_path / "mug.stl"
+    box.apply_scale(factor).export(path)
+    guessed = prepare_file(path)
+    np.testing.assert_allclose(guessed.extents, (0.04, 0.05, 0.06), atol=1e-6)
+    assert guessed.provenance["guessed_unit"] == unit
+    named = prepare_file(path, unit=unit)
+    np.testing.assert_allclose(named.extents, (0.04, 0.05, 0.06), atol=1e-6)
+    assert "guessed_unit" not in named.provenance
+
+
+def test_a_wrong_unit_is_refused_where_no_hand_could_hold_the_result(box, tmp_path):
     path = tmp_path / "mug.stl"
     box.apply_scale(1000).export(path)
-    with pytest.raises(UserError, match="looks like mm, set `unit: mm`"):
-        prepare_file(path)
-    np.testing.assert_allclose(prepare_file(path, unit="mm").extents, (0.04, 0.05, 0.06), atol=1e-6)
+    assert "looks like mm, set `unit: mm`" in sentence_of(path, unit="m")
+    box.apply_scale(1 / 25.4).export(path)
+    np.testing.assert_allclose(prepare_file(path, unit="inch").extents, (0.04, 0.05, 0.06), atol=1e-6)
+
+
+def test_a_shape_is_scaled_to_a_longest_extent_whatever_its_unit(box, tmp_path):
+    path = tmp_path / "mug.stl"
+    box.apply_scale(1234.5).export(path)
+    np.testing.assert_allclose(prepare_file(path, fit_longest=0.09).extents, (0.06, 0.075, 0.09), atol=1e-6)
+    raw = raw_mesh(ObjectParameters(ycb="013_apple", fit_longest=0.05), "apple")
+    assert np.ptp(raw.vertices, axis=0).max() == pytest.approx(0.05)
+
+
+def test_a_turn_is_counter_clockwise_about_the_vertical_after_up(tmp_path):
+    """An upright prism whose triangular base points to +x."""
+    path = tmp_path / "mug.stl"
+    corners = [(x, y, z) for x, y in ((0, -0.02), (0.06, 0), (0, 0.02)) for z in (0, 0.04)]
+    trimesh.convex.convex_hull(np.array(corners)).export(path)
+    mug = prepare_file(path, turn=90.0)
+    np.testing.assert_allclose(mug.extents, (0.04, 0.06, 0.04), atol=1e-6)
+    assert mug.vertices[:, 1].max() == pytest.approx(0.04, abs=1e-6)  # the tip is 2/3 of 60 mm from the centroid
 
 
 def test_the_declared_axis_points_up(box, tmp_path):
@@ -217,4 +248,5 @@ def test_an_object_that_would_tip_over_is_refused(tmp_path):
     path = tmp_path / "mug.stl"
     trimesh.creation.cone(radius=0.02, height=0.06).export(path)
     assert prepare_file(path).volume > 0
-    assert "does not stand with -z up" in sentence_of(path, up="-z")
+    said = sentence_of(path, up="-z")
+    assert "does not stand with -z up" in said and "set `up` to +z." in said

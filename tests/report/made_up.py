@@ -40,6 +40,7 @@ def validated(style: str, name: str) -> pd.DataFrame:
     fates = ["", "gravity:-x", "distance", ""]
     rows = [_candidate(index, style, name, fate) for index, fate in enumerate(fates)]
     for row in rows:
+        row["approach_direction"] = [0.0, 0.6, 0.8] if row["rejected_by"] == "" else None
         row["contact_only_pass"] = None if row["rejected_by"] == "distance" else row["rejected_by"] == ""
     return _filled(VALIDATED, rows)
 

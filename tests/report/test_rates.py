@@ -37,15 +37,20 @@ def test_trials_of_other_pairs_are_left_out():
             "success": [True, False, False, False, True],
             "success_10cm": [True, True, False, False, True],
             "reason": ["", "dropped in hold", "plan second", "plan second", ""],
+            "merged_id": [7, 2, -1, 3, 0],  # the fourth trial found no second plan after the first pick
+            "planning_attempts": [1, 3, 4, 1, 1],
         }
     )
     pair = pair_trials("cube", "can", trials)
     assert (pair.trials, pair.successes, pair.successes_10cm, pair.planning_failures) == (4, 1, 2, 2)
     assert pair.reasons == {"dropped in hold": 1, "plan second": 2}
+    assert (pair.attempts, pair.planned) == (9, 3)
+    assert pair.reachable_rate == pytest.approx(1 / 3)
 
 
 def test_nothing_gives_rate_zero():
-    empty = pd.DataFrame({"object0": [], "object1": [], "success": [], "success_10cm": [], "reason": []})
+    columns = ["object0", "object1", "success", "success_10cm", "reason", "merged_id", "planning_attempts"]
+    empty = pd.DataFrame({name: [] for name in columns})
     assert pair_trials("cube", "can", empty).success_rate == 0.0
     assert ratio(0, 0) == 0.0 and mean([]) == 0.0
 

@@ -55,7 +55,11 @@ def test_every_key_is_documented_and_every_documented_key_exists(summary, reposi
 
 def test_headline_figures(summary):
     assert summary["scale"] == "tiny"
+    rates = [summary[f"merge.cube--{side}.acceptance_rate"] for side in SIDES]
+    assert summary["merge.acceptance_rate_mean"] == pytest.approx(sum(rates) / 2, abs=1e-6)
+    assert summary["merge.acceptance_rate_min_pair"] == min(rates)
     assert summary["merge.grasps"] == 3 and summary["merge.min_per_pair"] == 1
+    assert summary["merge.acceptance_rate"] == 0.6  # each pair has one rejected combination
     assert summary["validate.survival_rate_mean"] == 0.5  # 2 of 4 chains of every object
     assert summary["evaluate.synthesized.trials"] == 6
     assert summary["evaluate.synthesized.success_rate_mean"] == pytest.approx(1 / 3, abs=1e-6)

@@ -11,11 +11,12 @@ import numpy as np
 import pytorch_kinematics
 import torch
 
-from pipeline.hand.allegro import JOINT_NAMES, load_hand
+from pipeline.hand.allegro import FINGER_LINKS, JOINT_NAMES, load_hand
 from pipeline.hand.assets import allegro_description
 from pipeline.hand.surface import hand_surface, mount_surface
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
+from pipeline.synthesize.keep_out import keep_out_points
 
 DTYPE = torch.float64
 
@@ -26,7 +27,7 @@ def tensor(values) -> torch.Tensor:
 
 @dataclass
 class OracleResult:
-    terms: torch.Tensor  # (6,)
+    terms: torch.Tensor  # (7,)
     energy: float
     gradient: np.ndarray  # (22,)
     kink_distance: float  # m, how far the nearest kink of the energy is
@@ -129,6 +130,8 @@ class EnergyOracle:
         torque = scale * torch.cross(points, forces, dim=-1).sum(0)
         closure = (forces.sum(0) ** 2).sum() + (torque**2).sum()
         distance = value.abs().sum()
+        middle = (points * tensor(shares)[:, None]).sum(0) / len(contacts)
+        offset = (middle**2).sum()
 
         surface = tensor(prepared.surface_points[: energy.object_points])
         penetration = self.deepest(self.depths(surface, R, t))
@@ -156,7 +159,18 @@ class EnergyOracle:
         collision = self.deepest(depths)
 
         excess = (joints - tensor(hand.upper)).clamp(min=0).sum() + (tensor(hand.lower) - joints).clamp(min=0).sum()
-        terms = torch.stack([closure, distance, penetration, table, collision, excess])
+        keep_out = torch.zeros((), dtype=DTYPE)
+        if self.style.keep_out_margin is not None:
+            fingers = {finger for fingers in self.style.finger_sets for finger in fingers}
+            free = tensor(keep_out_points(tuple(sorted(fingers)))) @ base.T + origin
+            overlap = self.style.keep_out_margin - self.distance(free)[0]
+            self.kinks.append(float(overlap.detach().abs().min()))
+            own = [name for finger in fingers - {"palm"} for name in FINGER_LINKS[finger]]
+            foreign = torch.as_tensor(~np.isin(part_link, [hand.link(name) for name in own]))
+            depths = torch.where(foreign, torch.full((), -1.0, dtype=DTYPE), self.depths(free, R, t))
+            keep_out = overlap.clamp(min=0).sum() + self.deepest(depths)
+
+        terms = torch.stack([closure, distance, penetration, table, collision, excess, offset, keep_out])
         weights = tensor(
             [
                 energy.weight_force_closure,
@@ -165,6 +179,8 @@ class EnergyOracle:
                 energy.weight_penetration,
                 energy.weight_self_penetration,
                 energy.weight_joints,
+                energy.weight_offset,
+                energy.weight_penetration,
             ]
         )
         total = (weights * terms).sum()

@@ -10,24 +10,25 @@ from pipeline.hand.allegro import load_hand
 from pipeline.records.parameters import load_parameters
 from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters, StyleParameters
 from pipeline.records.tables import CANDIDATES, write_table
-from pipeline.synthesize import candidates
 from pipeline.synthesize.__main__ import sections
-from pipeline.synthesize.candidates import Request, split_chains, synthesize
+from pipeline.synthesize.candidates import Request, first_states, split_chains, synthesize, touching
+from pipeline.synthesize.energy import EnergyScene
 from tests.synthesize import shapes
 
 SETS = StyleParameters(
     finger_sets=[["thumb", "index"], ["thumb", "index", "middle"]],
     contacts={"thumb+index": 2, "thumb+index+middle": 3},
-    distal_links={"thumb+index+middle": 2},
+    links={"thumb+index+middle": ["link_15.0_tip", "link_3.0_tip", "link_7.0_tip"]},
     chains=40,
+    starts=2,
     iterations=600,
     table_clearance=0.005,
 )
 
 
-def request(**changes) -> Request:
+def request(batch: int = 32, **changes) -> Request:
     settings = SETS.model_copy(update=changes)
-    return Request(shapes.box(), "pinch", 3, EnergyParameters(), OptimizerParameters(), settings)
+    return Request(shapes.box(), "pinch", 3, EnergyParameters(), OptimizerParameters(batch=batch), settings)
 
 
 @pytest.fixture(scope="module")
@@ -49,9 +50,8 @@ def test_chains_find_grasps_that_close_on_a_box(rows):
     assert (q >= load_hand().lower).all() and (q <= load_hand().upper).all()
 
 
-def test_rows_do_not_depend_on_blocks_and_fit_the_table(rows, monkeypatch, tmp_path):
-    monkeypatch.setattr(candidates, "CHAINS_PER_BLOCK", 7)
-    again = synthesize(request(), workers=2)
+def test_rows_do_not_depend_on_blocks_and_fit_the_table(rows, tmp_path):
+    again = synthesize(request(batch=7), workers=2)
     first, second = tmp_path / "a.parquet", tmp_path / "b.parquet"
     write_table(first, rows, CANDIDATES)
     write_table(second, again, CANDIDATES)
@@ -63,9 +63,51 @@ def test_more_chains_leave_the_earlier_ones_as_they_are(rows):
     np.testing.assert_array_equal(np.stack(longer["q"].tolist())[:40], np.stack(rows["q"].tolist()))
 
 
+def test_the_first_of_several_starts_is_that_of_a_chain_with_one():
+    """And the others are first hands of their own, with seeds of their own."""
+    several, one = request(chains=10, starts=3), request(chains=10, starts=1)
+    scene = EnergyScene(one.prepared, one.energy, one.settings)
+    for many_block, block in zip(split_chains(several), split_chains(one), strict=True):
+        first, _, _, seeds = first_states(block, scene)
+        firsts, _, _, all_seeds = first_states(many_block, scene)
+        np.testing.assert_array_equal(firsts.q[::3], first.q)
+        np.testing.assert_array_equal(all_seeds[::3], seeds)
+        assert len(set(all_seeds.tolist())) == len(np.unique(firsts.q, axis=0)) == 3 * len(block.chains)
+
+
 def test_every_chain_is_in_one_block():
     blocks = split_chains(request(chains=101))
     assert sorted(chain for block in blocks for chain in block.chains) == list(range(101))
+
+
+def test_fingers_are_those_that_touch():
+    """With free contacts a finger of the set may stay idle."""
+    hand = load_hand()
+    of = {finger: np.flatnonzero(np.array(hand.contact_finger) == finger) for finger in ("thumb", "index", "middle")}
+    rows = [[of["middle"][0], of["thumb"][1], of["thumb"][2]], [of["index"][0], of["middle"][0], of["thumb"][5]]]
+    named = touching(hand, ("thumb", "index", "middle"), np.array(rows))
+    assert named == ["thumb+middle", "thumb+index+middle"]
+
+
+def test_the_official_preset_finds_grasps_too():
+    """Some of its chains pass its own filter on a box, and repeated runs and any number of workers agree."""
+    official = OptimizerParameters(
+        step=0.005, switch_probability=0.5, noise=0.0, momentum=0.02, batch=12, shared_preconditioner=True,
+        duplicate_contacts=True, keep_best=False, polish_iterations=0,
+    )  # fmt: skip
+    energy = EnergyParameters(scale_torque=False, balance_forces=False, weight_offset=0.0)
+    energy = energy.model_copy(update={"limit_self_penetration": None, "limit_joints": None})
+    settings = SETS.model_copy(
+        update={
+            "chains": 24, "iterations": 2000, "free_contacts": True, "released_seeds": True,
+            "starts": 1, "finger_sets": [["thumb", "index"]], "contacts": {"thumb+index": 2}, "links": {},
+        }
+    )  # fmt: skip
+    asked = Request(shapes.box(), "pinch", 3, energy, official, settings)
+    rows = synthesize(asked, workers=1)
+    assert (rows["rejected_by"] == "").sum() >= 1
+    again = synthesize(asked, workers=2)
+    np.testing.assert_array_equal(np.stack(rows["q"].tolist()), np.stack(again["q"].tolist()))
 
 
 def test_sections_are_those_of_the_style():

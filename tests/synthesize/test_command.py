@@ -78,9 +78,10 @@ def test_every_chain_has_a_row_and_the_bytes_do_not_depend_on_workers(workplace,
     total = (
         weights["weight_force_closure"] * rows["energy_force_closure"]
         + weights["weight_distance"] * rows["energy_distance"]
-        + weights["weight_penetration"] * (rows["energy_penetration"] + rows["energy_table"])
+        + weights["weight_penetration"] * (rows["energy_penetration"] + rows["energy_table"] + rows["energy_keep_out"])
         + weights["weight_self_penetration"] * rows["energy_self_penetration"]
         + weights["weight_joints"] * rows["energy_joints"]
+        + weights["weight_offset"] * rows["energy_offset"]
     )
     np.testing.assert_allclose(rows["energy"], total, rtol=1e-9)
 
@@ -110,7 +111,7 @@ def test_missing_object_is_one_sentence(workplace, capsys):
         ({"contacts": {"index+thumb": 2}}, "thumb\\+index"),
         ({"contacts": {"thumb+index": 2, "thumb+ring": 2}}, "thumb\\+ring"),
         ({"finger_sets": [["thumb", "thumb"]], "contacts": {"thumb+thumb": 2}}, "twice"),
-        ({"distal_links": {"thumb+index": 5}}, "1 to 4"),
+        ({"links": {"thumb+middle": ["link_3.0"]}}, "thumb\\+middle"),
         ({"distance_from_palm": [0.2, 0.1]}, "smaller distance first"),
     ],
 )

@@ -12,9 +12,15 @@ from pipeline.synthesize.energy import EnergyScene, Grasps
 from tests.synthesize import shapes
 from tests.synthesize.energy_oracle import EnergyOracle
 
-PINCH = StyleParameters(finger_sets=[["thumb", "index"]], contacts={"thumb+index": 2}, table_clearance=0.005)
+PINCH = StyleParameters(
+    finger_sets=[["thumb", "index"]], contacts={"thumb+index": 2}, table_clearance=0.005, keep_out_margin=0.002
+)
 SIDE = StyleParameters(
-    finger_sets=[["ring", "palm"]], contacts={"ring+palm": 3}, table_clearance=0.01, mount_clearance=0.005
+    finger_sets=[["ring", "palm"]],
+    contacts={"ring+palm": 3},
+    table_clearance=0.01,
+    mount_clearance=0.005,
+    keep_out_margin=0.003,
 )
 
 
@@ -37,7 +43,12 @@ def random_grasps(count: int, contacts: int, reach: float, seed: int) -> Grasps:
     [
         (shapes.box(), PINCH, 2, EnergyParameters()),
         (shapes.cylinder(), SIDE, 3, EnergyParameters()),
-        (shapes.cylinder(), PINCH, 4, EnergyParameters(scale_torque=False, balance_forces=False, object_points=500)),
+        (
+            shapes.cylinder(),
+            PINCH.model_copy(update={"keep_out_margin": None}),
+            4,
+            EnergyParameters(scale_torque=False, balance_forces=False, object_points=500),
+        ),
     ],
 )
 def test_terms_and_gradient_equal_autograd(prepared, style, contacts, energy):
@@ -61,6 +72,8 @@ def test_terms_and_gradient_equal_autograd(prepared, style, contacts, energy):
         truth = oracle(grasps.position[index], rotations[index], grasps.q[index], grasps.contacts[index])
         mine = [
             terms.force_closure, terms.distance, terms.penetration, terms.table, terms.self_penetration, terms.joints,
+            terms.offset,
+            terms.keep_out,
         ]  # fmt: skip
         np.testing.assert_allclose([term[index] for term in mine], truth.terms, rtol=2e-5, atol=5e-6)
         assert terms.energy[index] == pytest.approx(truth.energy, rel=2e-5)
@@ -71,4 +84,5 @@ def test_terms_and_gradient_equal_autograd(prepared, style, contacts, energy):
     assert smooth.sum() >= 8
     assert errors[smooth].max() <= 1e-4
     assert (terms.penetration > 0).sum() >= 6 and (terms.table > 0).sum() >= 6
+    assert (terms.keep_out > 0).sum() >= (12 if style.keep_out_margin is not None else 0)
     assert (terms.self_penetration > 0).sum() >= 3 and (terms.joints > 0).sum() >= 8

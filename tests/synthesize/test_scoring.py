@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from pipeline.hand.allegro import load_hand
+from pipeline.records.errors import UserError
 from pipeline.records.parameters.synthesize import EnergyParameters
 from pipeline.synthesize.energy import Grasps, Terms, block_order, contact_shares, contact_slots, torque_scale
 from pipeline.synthesize.scoring import ExactSurface, duplicates, first_failures, force_closure
@@ -74,7 +77,7 @@ def test_torques_are_measured_in_half_middle_extents():
 
 
 def terms(**values: float) -> Terms:
-    names = ("energy", "force_closure", "distance", "penetration", "table", "self_penetration", "joints")
+    names = [field.name for field in fields(Terms)]
     return Terms(**{name: np.array([values.get(name, 0.0)]) for name in names})
 
 
@@ -93,6 +96,12 @@ def terms(**values: float) -> Terms:
 )
 def test_first_failed_check_is_named(values, reason):
     assert first_failures(terms(**values), EnergyParameters()).tolist() == [reason]
+
+
+def test_terms_without_a_limit_are_not_filtered_unless_they_are_no_number():
+    energy = EnergyParameters(limit_joints=None, limit_self_penetration=None)
+    assert first_failures(terms(joints=3.0, self_penetration=3.0), energy)[0] == ""
+    assert first_failures(terms(joints=float("nan")), energy)[0] == "joints"
 
 
 def test_a_term_that_is_not_a_number_fails():
@@ -116,16 +125,28 @@ def test_of_near_grasps_the_best_stays():
 
 
 def test_every_finger_of_a_set_has_a_contact_and_the_palm_counts_three_times():
-    slots = contact_slots(HAND, ("ring", "palm"), 3, 4)
+    slots = contact_slots(HAND, ("ring", "palm"), 3)
     fingers = np.array(HAND.contact_finger)
     assert set(fingers[slots[0] > 0]) == {"ring"} and set(fingers[slots[1] > 0]) == {"palm"}
     ring_links = {HAND.contact_link[i] for i in np.flatnonzero(fingers == "ring")}
     assert slots[2][fingers == "palm"].sum() == pytest.approx(3 / (3 + len(ring_links)))
-    distal = contact_slots(HAND, ("thumb", "index"), 2, 2)
+    distal = contact_slots(HAND, ("thumb", "index"), 2, ["link_15.0", "link_15.0_tip", "link_3.0", "link_3.0_tip"])
     names = {HAND.link_names[HAND.contact_link[i]] for i in np.flatnonzero(distal[1])}
     assert names == {"link_3.0", "link_3.0_tip"}
-    for slot in (*slots, *distal):
+    free = contact_slots(HAND, ("ring", "palm"), 4, free=True)
+    for slot in free:  # the released code draws every contact from all links, palm 3, each of four links 1
+        assert slot[fingers == "palm"].sum() == pytest.approx(3 / 7)
+        assert slot[fingers == "ring"].sum() == pytest.approx(4 / 7)
+    for slot in (*slots, *distal, *free):
         assert slot.sum() == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    ("links", "message"), [(["link_9.0"], "link_9.0"), (["link_3.0"], "leaves the thumb no contact"), (["tip"], "tip")]
+)
+def test_links_that_cannot_hold_are_refused(links, message):
+    with pytest.raises(UserError, match=message):
+        contact_slots(HAND, ("thumb", "index"), 2, links)
 
 
 def test_blocks_hold_every_point_once():

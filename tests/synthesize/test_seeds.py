@@ -15,14 +15,23 @@ from pipeline.hand.surface import hand_surface
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
 from pipeline.synthesize.energy import EnergyScene, Grasps, contact_slots
 from pipeline.synthesize.scoring import ExactSurface
-from pipeline.synthesize.seeds import SIDE_POSTURE, draw_seed, draw_seeds, free_joints, join, minimal_rotation
+from pipeline.synthesize.seeds import (
+    RELEASED_POSTURE,
+    SIDE_POSTURE,
+    draw_seed,
+    draw_seeds,
+    free_joints,
+    join,
+    minimal_rotation,
+    perturbed_columns,
+)
 from tests.synthesize import shapes
 from tests.synthesize.test_energy import PINCH, SIDE
 
 HAND = load_hand()
 SLOTS = {
-    "pinch": contact_slots(HAND, ("thumb", "index"), 2, 4),
-    "side": contact_slots(HAND, ("ring", "palm"), 3, 4),
+    "pinch": contact_slots(HAND, ("thumb", "index"), 2),
+    "side": contact_slots(HAND, ("ring", "palm"), 3),
 }
 SETTINGS = {"pinch": PINCH, "side": SIDE}
 OBJECTS = {"pinch": shapes.box(), "side": shapes.cylinder()}
@@ -85,8 +94,8 @@ def test_side_hands_begin_with_the_other_fingers_in_a_pinch():
     assert np.abs(grasps.q[:, held] - SIDE_POSTURE[held]).max() < 0.5
     np.testing.assert_allclose(grasps.q[:, held].mean(0), SIDE_POSTURE[held], atol=0.1)
     assert (grasps.q >= HAND.lower).all() and (grasps.q <= HAND.upper).all()
-    np.testing.assert_array_equal(np.flatnonzero(free_joints("side")), finger_joints(("ring",)))
-    np.testing.assert_array_equal(np.flatnonzero(~free_joints("pinch")), finger_joints(("ring",)))
+    np.testing.assert_array_equal(np.flatnonzero(free_joints("side", SIDE)), finger_joints(("ring",)))
+    np.testing.assert_array_equal(np.flatnonzero(~free_joints("pinch", PINCH)), finger_joints(("ring",)))
 
 
 def test_contacts_are_distinct_and_of_their_slot():
@@ -95,6 +104,35 @@ def test_contacts_are_distinct_and_of_their_slot():
         contacts = draw_seed(HAND, "side", SIDE, SLOTS["side"], rng).contacts[0]
         assert len(set(contacts)) == 3
         assert all(slot[contact] > 0 for slot, contact in zip(SLOTS["side"], contacts, strict=True))
+
+
+@pytest.mark.parametrize("style", ["pinch", "side"])
+def test_released_seeds_are_the_first_draw_with_all_joints_free(style):
+    released = SETTINGS[style].model_copy(update={"released_seeds": True})
+    grasps = seeds_of(style, 300, released)
+    assert free_joints(style, released).all()
+    # Means of the truncated normal distributions stay near the posture, but where it lies at a limit.
+    posture, width = RELEASED_POSTURE[style], HAND.upper - HAND.lower
+    inner = (posture > HAND.lower + 0.3 * width) & (posture < HAND.upper - 0.3 * width)
+    assert inner.sum() >= 4
+    np.testing.assert_allclose(grasps.q.mean(0)[inner], posture[inner], atol=0.03 * width.max())
+    assert (np.abs(grasps.q - posture) <= 0.5 * width).all()
+    # Notes of the released code: a third of the pinch draws and four of five side draws begin under the table.
+    scene = EnergyScene(OBJECTS[style], EnergyParameters(), released.model_copy(update={"mount_clearance": None}))
+    below = (scene.evaluate(grasps)[0].table > 0).mean()
+    assert (0.2 < below < 0.5) if style == "pinch" else (below > 0.6)
+
+
+def test_perturbed_columns_keep_bisectors_and_are_a_rotation():
+    R = Rotation.random(rng=np.random.default_rng(5)).as_matrix()
+    turned = perturbed_columns(R, np.random.default_rng(3))
+    np.testing.assert_allclose(turned.T @ turned, np.eye(3), atol=1e-12)
+    assert np.linalg.det(turned) == pytest.approx(1)
+    noisy = R[:, :2] + 0.1 * np.random.default_rng(3).normal(size=(3, 2))
+    a, b = (noisy / np.linalg.norm(noisy, axis=0)).T
+    for sign in (1, -1):  # what is symmetric in both columns is left alone
+        bisector = (a + sign * b) / np.linalg.norm(a + sign * b)
+        assert (turned[:, 0] + sign * turned[:, 1]) @ bisector == pytest.approx(np.sqrt(2))
 
 
 unit = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array).filter(lambda v: np.linalg.norm(v) > 0.1)

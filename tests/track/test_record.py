@@ -6,11 +6,11 @@ from pipeline.track.record import build_record, numbers, stage_metrics
 LOCK = {
     "schema": "2.0",
     "stages": {
-        "merge": {
-            "cmd": "python -m pipeline.merge",
+        "merge@cube": {
+            "cmd": "python -m pipeline.merge --object cube",
             "deps": [{"path": "pipeline/merge", "md5": "aa.dir"}],
             "params": {"params.yaml": {"seed": 1, "merge": {"grasps_per_pair": 4}}},
-            "outs": [{"path": "data/merge", "md5": "bb.dir"}],
+            "outs": [{"path": "data/merge/cube", "md5": "bb.dir"}],
         },
         "prepare@gone": {"cmd": "x"},
         "report": {"cmd": "x", "outs": [{"path": "reports/index.html", "md5": "cc"}]},
@@ -24,7 +24,7 @@ def stages(lock=LOCK):
 
 
 def changed(key: str, value):
-    return {**LOCK, "stages": {**LOCK["stages"], "merge": {**LOCK["stages"]["merge"], key: value}}}
+    return {**LOCK, "stages": {**LOCK["stages"], "merge@cube": {**LOCK["stages"]["merge@cube"], key: value}}}
 
 
 def test_flat_parameters():
@@ -33,7 +33,7 @@ def test_flat_parameters():
 
 
 def test_only_live_stages_are_taken_from_the_lock():
-    assert [stage.name for stage in stages()] == ["merge", "report"]
+    assert [stage.name for stage in stages()] == ["merge@cube", "report"]
     assert stages()[0].parameters == {"seed": 1, "merge.grasps_per_pair": 4}
     assert NAMES[:4] == ["prepare@cube", "prepare@can", "prepare-mesh@mug", "synthesize-pinch@cube"]
 
@@ -43,7 +43,7 @@ def test_only_live_stages_are_taken_from_the_lock():
     [
         ("deps", [{"path": "pipeline/merge", "md5": "other"}]),
         ("params", {"params.yaml": {"seed": 2}}),
-        ("outs", [{"path": "data/merge", "md5": "other"}]),
+        ("outs", [{"path": "data/merge/cube", "md5": "other"}]),
     ],
 )
 def test_a_stage_with_other_inputs_or_outputs_is_another(key, value):
@@ -66,11 +66,12 @@ def test_metrics_go_to_the_stage_that_they_are_of():
         "validate.survival_rate_mean": 0.4,
         "merge.grasps": 8,
         "merge.cube--can.accepted": 4,
+        "merge.plum--can.accepted": 3,
         "evaluate.synthesized.cube--can.success_rate": 1.0,
         "evaluate.synthesized.plum--can.success_rate": 0.0,
     }
     assert stage_metrics("validate-pinch@cube", metrics) == {"survival_rate": 0.5, "rejected.gravity.minus_x": 0.1}
-    assert stage_metrics("merge", metrics) == {"grasps": 8, "cube--can.accepted": 4}
+    assert stage_metrics("merge@cube", metrics) == {"cube--can.accepted": 4}
     assert stage_metrics("evaluate-synthesized@cube", metrics) == {"cube--can.success_rate": 1.0}
     assert stage_metrics("prepare@cube", metrics) == {}
 

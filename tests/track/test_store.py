@@ -18,7 +18,7 @@ def record(key: str = "k1", merge: str = "m1") -> Record:
         metrics={"merge.grasps": 8.0},
         stages=[
             StageRecord("prepare@cube", "p1", {"density": 500}, {}, {"wall_seconds": 2.0}),
-            StageRecord("merge", merge, {"merge.grasps_per_pair": 4}, {"grasps": 8.0}, {"wall_seconds": 30.0}),
+            StageRecord("merge@cube", merge, {"merge.grasps_per_pair": 4}, {"grasps": 8.0}, {"wall_seconds": 30.0}),
         ],
     )
 
@@ -56,9 +56,9 @@ def test_a_result_is_a_finished_parent_with_its_stages(root):
     assert len(parent.data.params) == 250 and parent.data.metrics == {"merge.grasps": 8.0}
     assert parent.data.tags["git.commit"] == "abc" and parent.data.tags["record.key"] == "k1"
     nested = runs(root, f"tags.mlflow.parentRunId = '{parent.info.run_id}'")
-    assert sorted(run.data.tags["dvc.stage"] for run in nested) == ["merge", "prepare@cube"]
+    assert sorted(run.data.tags["dvc.stage"] for run in nested) == ["merge@cube", "prepare@cube"]
     assert {run.data.tags["dvc.stage_state"] for run in nested} == {"fresh"}
-    merge = next(run for run in nested if run.data.tags["dvc.stage"] == "merge")
+    merge = next(run for run in nested if run.data.tags["dvc.stage"] == "merge@cube")
     assert merge.data.metrics == {"grasps": 8.0, "wall_seconds": 30.0}
     kept = root / "mlartifacts" / parent.info.run_id / "artifacts" / "index.html"
     assert kept.read_text() == "<p>"
@@ -74,7 +74,7 @@ def test_a_stage_that_was_reused_points_to_its_first_run(root):
     write(root, record("k1", "m1"))
     write(root, record("k2", "m2"))
     write(root, record("k3", "m1"))
-    first, second, third = runs(root, "tags.`dvc.stage` = 'merge'")
+    first, second, third = runs(root, "tags.`dvc.stage` = 'merge@cube'")
     assert [run.data.tags["dvc.stage_state"] for run in (first, second, third)] == ["fresh", "fresh", "reused"]
     assert third.data.tags["dvc.first_run_id"] == first.info.run_id
     assert "wall_seconds" not in third.data.metrics and third.data.metrics["grasps"] == 8.0

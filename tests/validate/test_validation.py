@@ -75,6 +75,7 @@ def test_good_grasp_passes_everything() -> None:
     assert columns["contact_only_pass"] is True
     assert len(columns["gravity_drift"]) == 6 and max(columns["gravity_drift"]) < 0.02
     assert columns["table_approach_push"] < 0.005 and columns["table_drift"] < 0.02
+    assert 0.005 < columns["settling_drift"] < 0.015  # the contacts press by 1 cm, and only one side can give way
     assert np.linalg.norm(columns["approach_direction"]) == pytest.approx(1)
 
 
@@ -109,6 +110,21 @@ def test_hand_below_the_table_is_rejected_by_the_approach() -> None:
     raised = replace(prepared, vertices=prepared.vertices + [0, 0, 0.1])  # support plane far above the fingertips
     columns = check_candidate(raised, candidate, SETTINGS, ValidateParameters())
     assert columns["rejected_by"] == "approach"
+
+
+@pytest.mark.parametrize("slide", [0.021, np.nan])
+def test_an_object_that_slides_out_of_a_gentle_squeeze_is_rejected(monkeypatch, slide: float) -> None:  # type: ignore[no-untyped-def]
+    prepared, candidate = block_grasp()
+
+    def slid(prepared, T_hand_object, q, squeeze_q, settings):  # type: ignore[no-untyped-def]
+        T = T_hand_object.copy()
+        T[0, 3] += slide
+        return q, T
+
+    monkeypatch.setattr("pipeline.validate.grasp_test.settle_pinch", slid)
+    columns = check_candidate(prepared, candidate, SETTINGS, ValidateParameters(gravity_directions=["-z"]))
+    assert columns["rejected_by"] == "settling"
+    np.testing.assert_allclose(columns["settling_drift"], slide)
 
 
 def test_contact_only_rule() -> None:

@@ -38,6 +38,7 @@ class Parameters(Section):
     """The whole of ``params.yaml``."""
 
     scale: Literal["demo", "paper", "tiny"] = Field(description="Which scale of conf/scale was composed.")
+    preset: Literal["ours", "official"] = Field(description="Which file of conf/preset was composed.")
     seed: int = Field(ge=0, description="Run seed; every item derives its own generator from it.")
     styles: StylesParameters
     objects: dict[str, ObjectParameters] = Field(description="Objects from packages and recipes, by name.")
@@ -60,9 +61,11 @@ class Parameters(Section):
         for name in [*self.objects, *self.meshes]:
             if not OBJECT_NAME.fullmatch(name):
                 raise ValueError(f"object name {name!r}: use small letters, digits and underscores, a letter first")
-        for name in self.meshes:
+        for name, mesh in self.meshes.items():
             if name in self.objects:
                 raise ValueError(f"the name {name!r} is in objects and in meshes; rename one")
+            if Path(mesh.file).is_absolute() or ".." in Path(mesh.file).parts:
+                raise ValueError(f"meshes.{name}.file leads out of the repository; copy the mesh to data/raw")
         for style in ("pinch", "side"):
             names = getattr(self.styles, style)
             for name in names:

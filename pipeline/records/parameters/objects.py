@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -29,8 +29,23 @@ class _Shape(Section):
     up: Literal["+x", "-x", "+y", "-y", "+z", "-z"] = Field(
         "+z", description="Axis of the source that points up when the object stands as it is to be grasped."
     )
+    turn: float | None = Field(
+        None, ge=-360, le=360, description="Turn about the vertical, degrees, counter-clockwise seen from above."
+    )
     scale: float = Field(1.0, gt=0, description="Factor on the shape, after the unit.")
+    fit_longest: float | None = Field(
+        None,
+        gt=0,
+        le=2,
+        description="Longest extent, m, to which the shape is scaled evenly, whatever its unit; instead of `scale`.",
+    )
     density: float = Field(500.0, gt=0, description="Uniform density, kg/m3. Paper: 500.")
+
+    @model_validator(mode="after")
+    def _one_size(self) -> Self:
+        if self.fit_longest is not None and self.scale != 1.0:
+            raise ValueError("give scale or fit_longest, not both")
+        return self
 
 
 class ObjectParameters(_Shape):
@@ -52,6 +67,8 @@ class ObjectParameters(_Shape):
             raise ValueError("every recipe needs extents")
         if self.extents is not None and min(self.extents) <= 0:
             raise ValueError("extents must be positive")
+        if self.extents is not None and self.fit_longest is not None:
+            raise ValueError("give extents or fit_longest, not both")
         return self
 
 
@@ -59,7 +76,9 @@ class MeshParameters(_Shape):
     """An object of the user's own, from a mesh file."""
 
     file: str = Field(description="Mesh file below the repository, such as data/raw/mug.stl.")
-    unit: Literal["m", "cm", "mm"] = Field("m", description="Length unit of the file.")
+    unit: Literal["m", "cm", "mm", "inch"] | None = Field(
+        None, description="Length unit of the file; when left out, it is guessed from the size, with a warning."
+    )
 
 
 class StylesParameters(Section):

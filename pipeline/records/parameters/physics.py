@@ -12,7 +12,12 @@ class PhysicsParameters(Section):
 
     frequency: int = Field(200, ge=50, le=2000, description="Physics steps per second. Paper's code: 200.")
     position_iterations: int = Field(25, ge=1, le=255, description="Solver iterations. Paper's code: 25.")
-    contact_offset: float = Field(0.02, gt=0, le=0.1, description="m. ManiSkill's and the paper's: 0.02.")
+    contact_offset: float = Field(
+        0.02,
+        gt=0,
+        le=0.1,
+        description="m, in trials; validate has its own. ManiSkill's and the paper's: 0.02.",
+    )
     object_friction: float = Field(0.9, ge=0, le=5, description="Paper: 0.9.")
     tip_static_friction: float = Field(2.0, ge=0, le=5, description="Fingertips. ManiSkill: 2.0.")
     tip_dynamic_friction: float = Field(1.0, ge=0, le=5, description="Fingertips. ManiSkill: 1.0.")

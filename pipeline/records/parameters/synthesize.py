@@ -12,13 +12,19 @@ Finger = Literal["thumb", "index", "middle", "ring", "palm"]
 
 
 class EnergyParameters(Section):
-    """Weights of the terms E_fc, E_dis, E_pen + E_table, E_spen, E_joints, and the filter on them."""
+    """Weights of the terms E_fc, E_dis, E_pen + E_table, E_spen, E_joints, the offset, and the filter on them."""
 
     weight_force_closure: float = Field(1.0, ge=0, description="Paper: 1.")
     weight_distance: float = Field(100.0, ge=0, description="Per metre. Paper: 100.")
     weight_penetration: float = Field(100.0, ge=0, description="Per metre. Paper: 100.")
     weight_self_penetration: float = Field(30.0, ge=0, description="Per metre. Paper: 30.")
     weight_joints: float = Field(1.0, ge=0, description="Per radian. Paper: 1.")
+    weight_offset: float = Field(
+        300.0,
+        ge=0,
+        description="Per square metre, on the squared distance of the middle of the contacts, each with its share of "
+        "the force, from the centre of mass: gravity turns an object that is held beside it. Paper: 0.",
+    )
     object_points: int = Field(2000, ge=100, le=4096, description="Object surface points of E_pen. Paper: 2000.")
     hand_points: int = Field(1000, ge=100, le=4000, description="Hand surface points of E_table, E_spen. Paper: 1000.")
     scale_torque: bool = Field(True, description="Divide torques by half the middle extent. Paper: metres, unscaled.")
@@ -28,8 +34,12 @@ class EnergyParameters(Section):
     limit_force_closure: float = Field(0.3, gt=0, description="Filter: largest E_fc. Paper: 0.3.")
     limit_distance: float = Field(0.005, gt=0, description="Filter: largest E_dis, m. Paper: 0.005.")
     limit_penetration: float = Field(0.001, gt=0, description="Filter: largest E_pen + E_table, m. Paper: 0.001.")
-    limit_self_penetration: float = Field(0.001, gt=0, description="Filter: largest E_spen, m. Paper: not filtered.")
-    limit_joints: float = Field(0.001, gt=0, description="Filter: largest E_joints, rad. Paper: not filtered.")
+    limit_self_penetration: float | None = Field(
+        0.001, gt=0, description="Filter: largest E_spen, m; null does not filter. Paper: null."
+    )
+    limit_joints: float | None = Field(
+        0.001, gt=0, description="Filter: largest E_joints, rad; null does not filter. Paper: null."
+    )
 
 
 class OptimizerParameters(Section):
@@ -52,7 +62,29 @@ class OptimizerParameters(Section):
     noise: float = Field(
         0.7, ge=0, le=5, description="Langevin noise on the pose in units of the step. Paper's code: none."
     )
-    momentum: float = Field(0.95, ge=0, lt=1, description="Memory of the mean squared gradient, per grasp.")
+    momentum: float = Field(
+        0.95, ge=0, lt=1, description="Memory of the mean squared gradient. Paper's code: 0.02 (nearly none)."
+    )
+    batch: int = Field(
+        32,
+        ge=1,
+        le=100000,
+        description="Chains of one launch. Changes results only with one of the next two. Paper's code: 256.",
+    )
+    shared_preconditioner: bool = Field(
+        False, description="One mean squared gradient for a whole batch, not one per grasp. Paper's code: true."
+    )
+    batch_table_term: bool = Field(
+        False,
+        description="Add the sum of E_table over the batch to every grasp of it, in chains and filter: a slip of the "
+        "paper's code, which no preset repeats.",
+    )
+    duplicate_contacts: bool = Field(
+        False, description="Two contacts of a grasp may be the same candidate. Paper's code: true."
+    )
+    keep_best: bool = Field(
+        True, description="A chain ends with its state of lowest energy, not with its last. Paper's code: false."
+    )
     polish_iterations: int = Field(
         200, ge=0, le=10000, description="RMSprop iterations on the best state, contacts fixed. Paper's code: none."
     )
@@ -67,17 +99,36 @@ class StyleParameters(Section):
         description="Contact sets, chains shared evenly. Paper: any combination of thumb, index, middle; ring + palm.",
     )
     contacts: dict[str, int] = Field(description="Number of contacts per finger set, keyed thumb+index and so on.")
-    distal_links: dict[str, int] = Field(
+    links: dict[str, list[str]] = Field(
         default_factory=dict,
-        description="Links per finger, counted from the tip, that may touch; keyed as contacts, 4 where not named.",
+        description="Links that may touch, keyed as contacts; all links of the fingers where not named.",
+    )
+    free_contacts: bool = Field(
+        False,
+        description="Contacts are drawn from all fingers of a set, so that one may stay idle; otherwise each has a "
+        "contact of its own. Paper's code: true.",
     )
     chains: int = Field(256, ge=1, le=100000, description="Independent chains (candidates).")
-    iterations: int = Field(1500, ge=1, le=100000, description="Length of each chain. Paper: 6000.")
+    starts: int = Field(
+        1,
+        ge=1,
+        le=64,
+        description="Starts of each chain: hands of their own, annealed one by one; the one of lowest energy is "
+        "polished and is the chain's only candidate. Paper: 1.",
+    )
+    iterations: int = Field(1500, ge=1, le=100000, description="Length of each start of a chain. Paper: 6000.")
     table_clearance: float = Field(
         0.0, ge=0, le=0.1, description="Height of the hand over the support plane, m. Paper's code: ground_offset."
     )
     mount_clearance: float | None = Field(
         None, description="Height of flange and mount over the support plane, m; null leaves them out. Paper: left out."
+    )
+    keep_out_margin: float | None = Field(
+        None,
+        ge=0,
+        le=0.02,
+        description="Distance of the object to where the other style's fingers and object may be, m; null: no such "
+        "places. Paper: none.",
     )
     distance_from_palm: tuple[float, float] = Field(
         (0.05, 0.25), description="First distance palm to object, m. Paper's code: 0.05-0.25."
@@ -88,6 +139,11 @@ class StyleParameters(Section):
         le=3.1416,
         description="First hands are turned about z by up to this to either side, rad. Paper's code: 0.",
     )
+    released_seeds: bool = Field(
+        False,
+        description="First hands as the paper's code draws them: collisions are not looked at, the fingers that the "
+        "style does not use have its postures, and all joints move.",
+    )
 
     @model_validator(mode="after")
     def _finger_sets_can_hold(self) -> Self:
@@ -97,12 +153,10 @@ class StyleParameters(Section):
                 raise ValueError(f"the finger set {key} names a finger twice")
             if self.contacts.get(key, 0) < len(fingers):
                 raise ValueError(f"contacts needs an entry {key!r} of at least {len(fingers)}, one per finger")
-        for name in ("contacts", "distal_links"):
+        for name in ("contacts", "links"):
             unknown = sorted(set(getattr(self, name)) - set(keys))
             if unknown:
                 raise ValueError(f"{name} names {unknown[0]!r}, which is not in finger_sets; it has {', '.join(keys)}")
-        if any(not 1 <= count <= 4 for count in self.distal_links.values()):
-            raise ValueError("distal_links counts links of a finger, 1 to 4")
         if not 0 < self.distance_from_palm[0] <= self.distance_from_palm[1]:
             raise ValueError("distance_from_palm is a positive range, the smaller distance first")
         return self

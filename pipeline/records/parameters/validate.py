@@ -6,6 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.section import Section
 
 Direction = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
@@ -14,6 +15,10 @@ Direction = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 class ValidateParameters(Section):
     """Tests of a single grasp with a floating hand; also used for two objects by `merge`."""
 
+    device: Literal["cpu", "cuda"] = Field(
+        "cpu",
+        description="Where the six gravities of single grasps run; cuda: all grasps in one scene, has not been tested.",
+    )
     gravity_directions: list[Direction] = Field(
         ["-x", "-z", "+y", "+x", "+z", "-y"],
         min_length=1,
@@ -22,6 +27,12 @@ class ValidateParameters(Section):
     gravity_seconds: float = Field(2.5, gt=0, le=20, description="Paper: 2.5.")
     squeeze_advance: float = Field(
         0.01, ge=0, le=0.05, description="Contact advance along the inward normal, m. Paper's code: 0.03."
+    )
+    contact_offset: float = Field(
+        0.005,
+        gt=0,
+        le=0.1,
+        description="m, in place of physics.contact_offset in these tests. Paper's code: 0.02.",
     )
     contact_impulse: float = Field(0.01, gt=0, description="N s per step that count as contact. Paper's code: 0.01.")
     drift_limit: float = Field(0.02, gt=0, description="Largest motion of the object in the hand, m. Paper: no limit.")
@@ -41,3 +52,7 @@ class ValidateParameters(Section):
     most_candidates: int = Field(
         10000, ge=1, description="Candidates tested per object and style, in order of grasp_id."
     )
+
+    def for_floating_hand(self, physics: PhysicsParameters) -> PhysicsParameters:
+        """Return ``physics`` with the contact offset of the tests with a floating hand."""
+        return physics.model_copy(update={"contact_offset": self.contact_offset})

@@ -1,0 +1,39 @@
+"""What can be said of a pinch grasp before its partner is known; done once per grasp, as hundreds of pairs use it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.merge.approach import first_opening
+from pipeline.merge.grasps import SingleGrasp
+from pipeline.physics.settling import settle_pinch
+from pipeline.records.objects import PreparedObject
+from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.poses import inverse_pose
+
+
+@dataclass(frozen=True)
+class ReadyPinch:
+    """A pinch grasp, how its object settles in the squeezing fingers, and the posture in which the hand comes."""
+
+    grasp: SingleGrasp
+    held_q: NDArray[np.float64]  # (16,) with the fingers squeezing; the ring's joints mean nothing
+    T_hand_held0: NDArray[np.float64]  # (4, 4) of object 0 then
+    open_q0: NDArray[np.float64]  # (16,) for the approach to object 0
+    opening_clearance: float  # m, smallest distance of the ring finger on that way
+
+
+def ready_pinch(object0: PreparedObject, physics: PhysicsParameters | None, grasp: SingleGrasp) -> ReadyPinch:
+    """Return what is known of one pinch grasp.
+
+    Args:
+        physics: None: nothing settles, object and fingers stay as synthesized.
+    """
+    held_q, T_hand_held0 = grasp.q, inverse_pose(grasp.T_object_hand)
+    if physics is not None:
+        held_q, T_hand_held0 = settle_pinch(object0, T_hand_held0, grasp.q, grasp.squeeze_q, physics)
+    open_q0, clearance = first_opening(grasp, object0)
+    return ReadyPinch(grasp, held_q, T_hand_held0, open_q0, clearance)

@@ -1,0 +1,50 @@
+"""The pinched object in the squeezing fingers: it settles some millimetres away from the synthesized grasp.
+
+The hand comes to the second object in this state, so merge takes distances and sweeps in it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.hand.approach import EXTENDED_FINGER
+from pipeline.hand.moves import finger_joints
+from pipeline.records.objects import PreparedObject
+from pipeline.records.parameters.physics import PhysicsParameters
+
+RING_JOINTS = finger_joints(["ring"])
+RAMP_SECONDS = 0.5
+DWELL_SECONDS = 0.3
+RAMP_STEPS = 25
+
+
+def settle_pinch(
+    prepared: PreparedObject,
+    T_hand_object: NDArray[np.float64],
+    q: NDArray[np.float64],
+    squeeze_q: NDArray[np.float64],
+    settings: PhysicsParameters,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return joint angles (16,) and ``T_hand_object`` (4, 4) as physics leaves them after a gentle squeeze.
+
+    Without gravity, whose direction changes on the way, and without a second object; the ring finger is straight.
+
+    Args:
+        T_hand_object: (4, 4) in the synthesized grasp.
+        q, squeeze_q: (16,) joints of the grasp, and drive targets that press its contacts together, rad.
+    """
+    from pipeline.physics.bodies import add_object
+    from pipeline.physics.robots import add_robot
+    from pipeline.physics.world import make_world
+
+    start, target = q.copy(), squeeze_q.copy()
+    start[RING_JOINTS] = target[RING_JOINTS] = EXTENDED_FINGER  # away from the object
+    world = make_world(settings, np.zeros(3))
+    robot = add_robot(world, settings, False, np.eye(4), start)
+    body = add_object(world, prepared, settings, T_hand_object)
+    for step in range(1, RAMP_STEPS + 1):
+        robot.set_targets(start + (target - start) * (step / RAMP_STEPS))
+        world.step(world.steps(RAMP_SECONDS / RAMP_STEPS))
+    world.step(world.steps(DWELL_SECONDS))
+    return robot.q, body.pose

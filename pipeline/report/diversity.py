@@ -1,0 +1,128 @@
+"""How different the merged grasps of a data set are from each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pipeline.hand.moves import finger_joints
+from pipeline.hand.parts import part_points
+from pipeline.records.poses import pose_matrix, transform_points
+from pipeline.report.tables import Tables
+
+SECTORS = 12  # of the compass, 30 degrees each
+PART_FINGERS = {"pinch": ("thumb", "index", "middle"), "side": ("ring",)}
+
+
+@dataclass(frozen=True)
+class UsedGrasps:
+    """The single grasps of one object that merged grasps are made of, in order of ``grasp_id``."""
+
+    style: str
+    object_name: str
+    validated: int  # grasps that passed validation
+    grasp_ids: NDArray[np.int64]  # (k,)
+    distances: NDArray[np.float64]  # (k, k) m, mean over surface points of the part of the hand that counts
+    sectors: NDArray[np.int64]  # (k,) of the compass, in which the hand is seen from the object
+    approach_elevations: NDArray[np.float64]  # (k,) rad, over the horizontal, from where the hand comes
+    contact_sets: int  # distinct sets of contact candidates
+    fingers: dict[str, int]  # who touches -> grasps
+    joint_spread: float  # rad, standard deviation over the grasps, mean over the joints of the part
+
+
+@dataclass(frozen=True)
+class PairDiversity:
+    """How different the merged grasps of one pair are.
+
+    The distance of two merged grasps is the larger one of the distances of their pinch and of their side grasps.
+    """
+
+    first: str
+    second: str
+    grasps: int
+    pinch_grasps: int  # distinct ones
+    side_grasps: int
+    most_uses: int  # of the single grasp that is in most of them
+    closest: float  # m, smallest distance of two merged grasps; nan with fewer than two
+    typical: float  # m, median distance of two
+    sectors0: int  # of the compass, in which the hand is seen from object 0
+    sectors1: int
+
+
+def used_grasps(style: str, object_name: str, validated: pd.DataFrame, used: Iterable[int]) -> UsedGrasps:
+    """Return what is known of the grasps ``used`` (by ``grasp_id``) of a validated table."""
+    rows = validated[validated["grasp_id"].isin(set(used))].sort_values("grasp_id")
+    q = np.array(rows["q"].tolist(), np.float64).reshape(-1, 16)
+    poses = [
+        pose_matrix(position, quaternion)
+        for position, quaternion in zip(rows["position_object_hand"], rows["quaternion_object_hand"], strict=True)
+    ]
+    shapes = [transform_points(T, part_points(style, joints)) for T, joints in zip(poses, q, strict=True)]
+    distances = np.array(
+        [np.linalg.norm(np.stack(shapes) - shape, axis=2).mean(1) for shape in shapes], np.float64
+    ).reshape(len(shapes), len(shapes))
+    hand = np.array([T[:3, 3] for T in poses]).reshape(-1, 3)
+    directions = np.array(rows["approach_direction"].tolist(), np.float64).reshape(-1, 3)
+    joints = finger_joints(PART_FINGERS[style])
+    return UsedGrasps(
+        style=style,
+        object_name=object_name,
+        validated=int((validated["rejected_by"] == "").sum()),
+        grasp_ids=rows["grasp_id"].to_numpy(np.int64),
+        distances=distances,
+        sectors=compass_sectors(hand[:, 0], hand[:, 1]),
+        approach_elevations=np.arcsin(np.clip(directions[:, 2], -1.0, 1.0)),
+        contact_sets=len({frozenset(map(int, contacts)) for contacts in rows["contact_candidates"]}),
+        fingers={str(name): int(count) for name, count in sorted(rows["fingers"].value_counts().items())},
+        joint_spread=float(q[:, joints].std(axis=0).mean()) if len(q) else 0.0,
+    )
+
+
+def compass_sectors(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return for directions (k,) in the plane in which of :data:`SECTORS` equal sectors they lie, from +x on."""
+    return np.floor(np.arctan2(y, x) % (2 * np.pi) / (2 * np.pi) * SECTORS).astype(np.int64) % SECTORS
+
+
+def pair_diversity(merged: pd.DataFrame, firsts: UsedGrasps, seconds: UsedGrasps) -> PairDiversity:
+    """Return how different the accepted grasps of one pair are.
+
+    Args:
+        firsts, seconds: hold every single grasp that the accepted rows of ``merged`` name.
+    """
+    accepted = merged[merged["rejected_by"] == ""]
+    at0 = np.searchsorted(firsts.grasp_ids, accepted["grasp0_id"].to_numpy(np.int64))
+    at1 = np.searchsorted(seconds.grasp_ids, accepted["grasp1_id"].to_numpy(np.int64))
+    apart = np.maximum(firsts.distances[np.ix_(at0, at0)], seconds.distances[np.ix_(at1, at1)])
+    others = apart[np.triu_indices(len(accepted), 1)]
+    uses = [*np.unique(at0, return_counts=True)[1], *np.unique(at1, return_counts=True)[1]]
+    return PairDiversity(
+        first=firsts.object_name,
+        second=seconds.object_name,
+        grasps=len(accepted),
+        pinch_grasps=len(np.unique(at0)),
+        side_grasps=len(np.unique(at1)),
+        most_uses=int(max(uses, default=0)),
+        closest=float(others.min()) if len(others) else float("nan"),
+        typical=float(np.median(others)) if len(others) else float("nan"),
+        sectors0=len(np.unique(firsts.sectors[at0])),
+        sectors1=len(np.unique(seconds.sectors[at1])),
+    )
+
+
+def diversity(tables: Tables) -> tuple[list[UsedGrasps], list[PairDiversity]]:
+    """Return the used single grasps of every style and object, and the diversity of every pair."""
+    ids: dict[tuple[str, str], set[int]] = {key: set() for key in tables.validated}
+    for (first, second), merged in tables.merged.items():
+        accepted = merged[merged["rejected_by"] == ""]
+        ids["pinch", first] |= set(accepted["grasp0_id"])
+        ids["side", second] |= set(accepted["grasp1_id"])
+    used = {key: used_grasps(*key, tables.validated[key], ids[key]) for key in tables.validated}
+    pairs = [
+        pair_diversity(merged, used["pinch", first], used["side", second])
+        for (first, second), merged in tables.merged.items()
+    ]
+    return list(used.values()), pairs
