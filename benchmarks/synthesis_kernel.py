@@ -23,12 +23,12 @@ from scipy.spatial.transform import Rotation
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from pipeline.energy.scene import EnergyScene, Grasps  # noqa: E402
 from pipeline.hand.allegro import load_hand  # noqa: E402
 from pipeline.records.objects import PreparedObject  # noqa: E402
 from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters, StyleParameters  # noqa: E402
 from pipeline.synthesize.candidates import Block, Request, first_states  # noqa: E402
 from pipeline.synthesize.chains import run_chains  # noqa: E402
-from pipeline.synthesize.energy import EnergyScene, Grasps  # noqa: E402
 from tests.synthesize import shapes  # noqa: E402
 
 TARGET = 25  # us per grasp and iteration

@@ -12,7 +12,8 @@ from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.running import run_stage
 
-SOURCES = ("synthesized",)
+# Where the grasps of a source are, and the stage that makes them.
+SOURCES = {"synthesized": (paths.merged_file, "merge"), "learned": (paths.sampled_file, "sample")}
 
 
 def sections(object_name: str) -> list[str]:
@@ -44,9 +45,9 @@ def evaluate(source: str, first: str) -> None:
     from pipeline.records.tables import MERGED, TRIALS, read_table, write_table
 
     seconds = styles.side
+    file_of, made_by = SOURCES[source]
     grasps = {
-        second: accepted_grasps(read_table(paths.merged_file(first, second), MERGED, f"merge@{first}"))
-        for second in seconds
+        second: accepted_grasps(read_table(file_of(first, second), MERGED, f"{made_by}@{first}")) for second in seconds
     }
     objects = {name: without_grid(load_prepared_object(name)) for name in dict.fromkeys([first, *seconds])}
     inputs = [
@@ -71,7 +72,7 @@ def evaluate(source: str, first: str) -> None:
 def main() -> int:
     """Parse the command line and run the stage."""
     parser = argparse.ArgumentParser(prog="python -m pipeline.evaluate", description=__doc__)
-    parser.add_argument("--source", required=True, choices=SOURCES, help="where the two-object grasps come from")
+    parser.add_argument("--source", required=True, choices=sorted(SOURCES), help="where the grasps come from")
     parser.add_argument("--object", required=True, help="the object that is picked first, a name in params.yaml")
     arguments = parser.parse_args()
     return run_stage(

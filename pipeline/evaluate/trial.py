@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pipeline.evaluate.grasps import TwoObjectGrasp, grasp_orders
 from pipeline.evaluate.moves import Pick, PickTask, plan_pick
 from pipeline.evaluate.scene import START_ARM, START_HAND, Scene, build_scene, object_obstacle, placement_offsets
-from pipeline.hand.moves import finger_joints
+from pipeline.hand.moves import RING_JOINTS
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from pipeline.motion.collisions import Obstacle
     from pipeline.motion.timing import Trajectory
 
-RING = finger_joints(["ring"])
 RELEASED_HEIGHT = 0.1  # m, the released code's criterion
 # A pick lifted its object when the object rose by this share of the hand's own lift.
 LIFTED_SHARE = 0.5
@@ -132,7 +131,7 @@ def _known(T: NDArray[np.float64]) -> NDArray[np.float64]:
 def _with_ring(hand_q: NDArray[np.float64], ring_q: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return ``hand_q`` (16,) with the ring finger of ``ring_q`` (16,)."""
     joined = hand_q.copy()
-    joined[RING] = ring_q[RING]
+    joined[RING_JOINTS] = ring_q[RING_JOINTS]
     return joined
 
 

@@ -16,6 +16,9 @@ def finger_joints(fingers: Sequence[str]) -> NDArray[np.int64]:
     return np.array(sorted(joint for finger in fingers for joint in FINGER_JOINTS[finger]), dtype=np.int64)
 
 
+RING_JOINTS = finger_joints(["ring"])
+
+
 def move_points(
     hand: Hand,
     q: NDArray[np.float64],

@@ -33,9 +33,9 @@ def merge(first: str) -> None:
             f"params.yaml: styles.pinch does not name {first!r}; add it there, or use one of {', '.join(styles.pinch)}."
         )
 
-    from pipeline.merge.combination import Pair
-    from pipeline.merge.grasps import SingleGrasp, distinct_grasps, validated_grasps
     from pipeline.merge.pairs import merge_pairs, ready_pinches, summary
+    from pipeline.pairing.combination import Pair
+    from pipeline.pairing.grasps import SingleGrasp, distinct_grasps, validated_grasps
     from pipeline.records.objects import load_prepared_object
     from pipeline.records.seeds import item_generator
     from pipeline.records.tables import MERGED, VALIDATED, read_table, write_table

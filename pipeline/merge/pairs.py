@@ -12,10 +12,10 @@ import pandas as pd
 
 from pipeline.compute.fan_out import fan_out
 from pipeline.compute.shared import Shared
-from pipeline.merge.combination import Pair, try_combination
 from pipeline.merge.draws import Combination, next_combinations, random_order
-from pipeline.merge.grasps import SingleGrasp
-from pipeline.merge.readiness import ReadyPinch, ready_pinch
+from pipeline.pairing.combination import Pair, try_combination
+from pipeline.pairing.grasps import SingleGrasp
+from pipeline.pairing.readiness import ReadyPinch, ready_pinch
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.physics import PhysicsParameters

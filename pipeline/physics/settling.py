@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.hand.approach import EXTENDED_FINGER
-from pipeline.hand.moves import finger_joints
+from pipeline.hand.moves import RING_JOINTS
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
 
-RING_JOINTS = finger_joints(["ring"])
 RAMP_SECONDS = 0.5
 DWELL_SECONDS = 0.3
 RAMP_STEPS = 25

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 PARAMETERS_FILE = Path("params.yaml")
+MODEL_FOLDER = Path("models/train")
+TRAINING_STATE = Path("models/unfinished.pt")
 REPORT_PAGE = Path("reports/index.html")
 FIGURES_FOLDER = Path("reports/figures")
 DATASET_CARD = Path("reports/dataset.md")
@@ -38,6 +40,16 @@ def merged_folder(first: str) -> Path:
 def merged_file(first: str, second: str) -> Path:
     """Table of two-object grasps of one pair: ``first`` is pinched, ``second`` is held by ring and palm."""
     return merged_folder(first) / f"{second}.parquet"
+
+
+def sampled_folder(first: str) -> Path:
+    """Folder of the learned two-object grasps of all pairs that begin with ``first``."""
+    return Path("data/train") / first
+
+
+def sampled_file(first: str, second: str) -> Path:
+    """Table of learned two-object grasps of one pair, like :func:`merged_file`."""
+    return sampled_folder(first) / f"{second}.parquet"
 
 
 def trials_file(source: str, first: str) -> Path:

@@ -13,7 +13,7 @@ from pipeline.records.writing import whole_file, whole_folder, write_json
 
 def sections() -> list[str]:
     """Parameter sections that the stage declares: all that its page shows, so all on which results depend."""
-    stages = ["prepare", "synthesize", "physics", "validate", "merge", "evaluate", "reconstruct", "report"]
+    stages = ["prepare", "synthesize", "physics", "validate", "merge", "train", "evaluate", "reconstruct", "report"]
     return ["scale", "seed", "styles", "objects", "meshes", "renderings", "captures", *stages]
 
 
@@ -26,6 +26,7 @@ def work() -> None:
     from pipeline.report.diversity import diversity
     from pipeline.report.drawing import draw_views, load_objects
     from pipeline.report.figure_files import heat_map_picture, strip_picture
+    from pipeline.report.learned import load_learned
     from pipeline.report.page import PageContent, build_page
     from pipeline.report.rates import pair_merge, pair_trials, single_grasp_funnel
     from pipeline.report.scene import UNIT
@@ -46,8 +47,9 @@ def work() -> None:
         source: [pair_trials(first, second, tables.trials[source, first]) for first, second in tables.merged]
         for source in SOURCES
     }
+    learned = load_learned(styles)
     reconstructions = {name: load_reconstruction_metrics(name) for name in parameters["captures"]}
-    summary = summarize(parameters["scale"], funnels, merges, trials, reconstructions)
+    summary = summarize(parameters["scale"], funnels, merges, trials, reconstructions, learned)
     workers = read_parameters().compute.workers
     objects = load_objects(tables)
     used, pair_diversities = diversity(tables)
@@ -80,6 +82,7 @@ def work() -> None:
         hold_seconds=evaluate.hold_seconds,
         versions=installed_versions(),
         settings=settings,
+        learned=learned,
     )
     from plotly.offline import get_plotlyjs
 
@@ -90,7 +93,7 @@ def work() -> None:
         for view in views:
             for strip in view.strips:
                 kind = "failure" if strip.failed else "success"
-                (folder / f"{view.name}-{kind}.jpg").write_bytes(strip_picture(strip))
+                (folder / f"{view.name}-{strip.source}-{kind}.jpg").write_bytes(strip_picture(strip))
     with whole_file(paths.REPORT_PAGE) as temporary:
         temporary.write_text(page, encoding="utf-8")
     with whole_file(paths.DATASET_CARD) as temporary:

@@ -21,7 +21,7 @@ from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.report import ReportParameters
 from pipeline.records.poses import pose_matrix
 from pipeline.report.chosen_trials import choose_trials, chosen_moments
-from pipeline.report.page import PairView, Strip
+from pipeline.report.page import SOURCE_TITLES, PairView, Strip
 from pipeline.report.scene import (
     MOST_FACES,
     MOST_LINK_FACES,
@@ -34,7 +34,7 @@ from pipeline.report.scene import (
     shape_record,
     shown_grasps,
 )
-from pipeline.report.tables import SOURCES, Tables
+from pipeline.report.tables import Tables
 
 # Where the evaluation puts its sponge, in the world frame (the robot's base): only the look of pictures depends on it.
 SPONGE_X, SPONGE_SIZE = 0.5, 0.4  # m
@@ -52,7 +52,7 @@ class PairTask:
     names: tuple[str, str]
     objects: tuple[PreparedObject, PreparedObject]
     merged: pd.DataFrame
-    trials: tuple[pd.DataFrame, ...]  # of every source, all pairs that begin with the first object
+    trials: dict[str, pd.DataFrame]  # per source, all pairs that begin with the first object
     settings: ReportParameters
     evaluate: EvaluateParameters
 
@@ -75,7 +75,7 @@ def draw_views(
             names=(first, second),
             objects=(objects[first], objects[second]),
             merged=merged,
-            trials=tuple(tables.trials[source, first] for source in SOURCES),
+            trials={source: own for (source, name), own in tables.trials.items() if name == first},
             settings=settings,
             evaluate=evaluate,
         )
@@ -89,9 +89,10 @@ def draw_views(
 
 def draw_view(task: PairTask) -> PairView:
     """Return what is shown of one pair: some merged grasps, and a successful and a failed trial of every source."""
-    chosen = [choose_trials(*task.names, trials) for trials in task.trials]
-    shown = [row for choice in chosen for row in (choice.success, choice.failure) if row is not None]
-    grasps = shown_grasps(task.merged, [int(row["merged_id"]) for row in shown]).to_dict("records")
+    chosen = {source: choose_trials(*task.names, trials) for source, trials in task.trials.items()}
+    shown = [row for choice in chosen.values() for row in (choice.success, choice.failure) if row is not None]
+    used = [int(row["merged_id"]) for row in shown if row["source"] == "synthesized"]
+    grasps = shown_grasps(task.merged, used).to_dict("records")
     return PairView(
         first=task.names[0],
         second=task.names[1],
@@ -169,7 +170,8 @@ def trial_strip(
     success = bool(trial["success"])
     outcome = "success" if success else f"failed: {trial['reason']}"
     return Strip(
-        title=f"Trial {trial['trial']}, {outcome}",
+        title=f"Trial {trial['trial']}, {SOURCE_TITLES[trial['source']]}, {outcome}",
+        source=str(trial["source"]),
         captions=[phases[moment] for moment in moments],
         pictures=pictures,
         failed=not success,

@@ -12,6 +12,7 @@ from typing import Any
 
 from pipeline.report import paper
 from pipeline.report.charts import bars_with_table, heat_map, percent, table
+from pipeline.report.learned import Learned, learned_section
 from pipeline.report.meanings import MERGE, SYNTHESIS, TRIALS, VALIDATION, explained
 from pipeline.report.rates import Funnel, PairMerge, PairTrials, ratio, wilson_interval
 from pipeline.report.settings import Row
@@ -19,7 +20,7 @@ from pipeline.report.summary import Value
 
 PASSED = "passed"
 SUCCESS = "success"
-SOURCE_TITLES = {"synthesized": "synthesized grasps"}
+SOURCE_TITLES = {"synthesized": "synthesized grasps", "learned": "grasps of the learned model"}
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,7 @@ class Strip:
     captions: list[str]
     pictures: list[bytes]  # JPEG
     failed: bool = False
+    source: str = "synthesized"  # where the grasp came from
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,7 @@ class PageContent:
     hold_seconds: float
     versions: Mapping[str, str]
     settings: Mapping[str, Sequence[Row]]  # per section of params.yaml
+    learned: Learned | None = None
 
 
 def data_uri(jpeg: bytes) -> str:
@@ -99,6 +102,7 @@ def build_page(content: PageContent, plotly_source: str) -> str:
             (f"success-{source}", f"Success: {SOURCE_TITLES[source]}", success_section(content, source, pairs))
             for source, pairs in content.trials.items()
         ],
+        *([("learned", "The learned model", learned_section(content.learned))] if content.learned else []),
         ("pairs", "Every pair: grasps and trials", pairs_section(content.views)),
         ("single", "Single grasps", single_section(content.funnels)),
         ("merge", "Merging", merge_section(content.merges)),
@@ -129,14 +133,14 @@ def headline(content: PageContent) -> str:
     tiles = []
     for source, pairs in content.trials.items():
         mean, least = (summary[f"evaluate.{source}.{key}"] for key in ("success_rate_mean", "success_rate_min_pair"))
-        beside = f"paper {percent(paper.MEAN_SUCCESS)} over its {paper.PAIRS} pairs"
-        tiles.append(("main", percent(float(mean)), f"mean success over {len(pairs)} pairs ({beside})"))
-        tiles.append(
-            ("main", percent(float(least)), f"success of the worst pair (paper {percent(paper.MINIMUM_SUCCESS)})")
-        )
-        tiles.append(("", str(summary[f"evaluate.{source}.trials"]), "trials with the whole robot"))
+        title = SOURCE_TITLES[source]
+        beside = f"paper {percent(paper.MEAN_SUCCESS[source])} over its {paper.PAIRS} pairs"
+        tiles.append(("main", percent(float(mean)), f"mean success over {len(pairs)} pairs, {title} ({beside})"))
+        published = f" (paper {percent(paper.MINIMUM_SUCCESS[source])})" if source in paper.MINIMUM_SUCCESS else ""
+        tiles.append(("main", percent(float(least)), f"success of the worst pair, {title}{published}"))
+        tiles.append(("", str(summary[f"evaluate.{source}.trials"]), f"trials with the whole robot, {title}"))
         reachable = percent(float(summary[f"evaluate.{source}.reachable_rate"]))
-        tiles.append(("", reachable, "of two-object grasps within reach of the arm: moves were found for both picks"))
+        tiles.append(("", reachable, f"of grasps within reach of the arm, {title}: moves were found for both picks"))
     survival = percent(float(summary["validate.survival_rate_mean"]))
     tiles += [
         (
@@ -224,10 +228,12 @@ def _paper_success(summary: Mapping[str, Value], prefix: str, pairs: Sequence[Pa
     """Return the known figures of the published heat map beside ours."""
     mean, least = float(summary[f"{prefix}.success_rate_mean"]), float(summary[f"{prefix}.success_rate_min_pair"])
     perfect = sum(p.trials > 0 and p.successes == p.trials for p in pairs)
+    source = prefix.removeprefix("evaluate.")
+    worst = f"{percent(paper.MINIMUM_SUCCESS[source])} (with the lemon)" if source in paper.MINIMUM_SUCCESS else "–"
     rows = [
-        ["mean over pairs", percent(mean), percent(paper.MEAN_SUCCESS)],
-        ["worst pair", percent(least), f"{percent(paper.MINIMUM_SUCCESS)} (with the lemon)"],
-        ["pairs at 100 %", str(perfect), str(paper.PERFECT_CELLS)],
+        ["mean over pairs", percent(mean), percent(paper.MEAN_SUCCESS[source])],
+        ["worst pair", percent(least), worst],
+        ["pairs at 100 %", str(perfect), str(paper.PERFECT_CELLS.get(source, "–"))],
         ["pairs", str(len(pairs)), str(paper.PAIRS)],
         ["trials per pair", " / ".join(str(n) for n in sorted({p.trials for p in pairs})), str(paper.TRIALS_PER_PAIR)],
     ]
@@ -295,7 +301,8 @@ def single_section(funnels: Sequence[Funnel]) -> str:
     chains = [(name, {PASSED: f.passed, **f.synthesize_rejected}) for name, f in names]
     physics = [(name, {PASSED: f.validated, **f.validate_rejected}) for name, f in names]
     return (
-        "<p>A chain is one run of the optimiser from one start; the filter sets limits on the terms of its energy; the "
+        "<p>A chain gives one candidate, the best of its starts (<code>synthesize.*.starts</code>, each a run of the "
+        "optimiser); the filter sets limits on the terms of its energy; the "
         "grasps that pass it are tested in physics.</p>\n"
         "<p>The two columns of rates are not the same measure. Ours: grasps that passed every check of physics "
         "(contact <em>and</em> drift in six gravity directions, execution from a table) per chain run. Table I of the "

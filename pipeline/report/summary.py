@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from pipeline.report.learned import Learned, learned_summary
 from pipeline.report.rates import Funnel, PairMerge, PairTrials, mean, ratio
 
 Value = float | int | str
@@ -21,12 +22,14 @@ def summarize(
     merges: Sequence[PairMerge],
     trials: dict[str, list[PairTrials]],
     reconstructions: Mapping[str, Mapping[str, Any]],
+    learned: Learned | None = None,
 ) -> dict[str, Value]:
     """Return the summary, sorted by key.
 
     Args:
         trials: per source of grasps, one entry per pair.
         reconstructions: per capture what its ``metrics.json`` holds.
+        learned: of the model.
     """
     values: dict[str, Value] = {"scale": scale}
     for funnel in funnels:
@@ -46,6 +49,8 @@ def summarize(
         values |= _of_source(source, pairs)
     for capture, metrics in reconstructions.items():
         values |= _of_capture(capture, metrics)
+    if learned:
+        values |= learned_summary(learned, trials["learned"])
     return {key: rounded(values[key]) for key in sorted(values)}
 
 

@@ -10,7 +10,7 @@ from pipeline.records import paths
 from pipeline.records.parameters.objects import StylesParameters
 from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED, read_table
 
-SOURCES = ("synthesized",)
+SOURCES = ("synthesized", "learned")
 STYLES = ("pinch", "side")
 
 

@@ -10,12 +10,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.compute.fan_out import fan_out
+from pipeline.energy.scene import EnergyScene, Grasps, Terms, contact_slots
 from pipeline.hand.allegro import Hand, load_hand
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters, StyleParameters
 from pipeline.records.seeds import item_generator, item_seed
 from pipeline.synthesize.chains import run_chains
-from pipeline.synthesize.energy import EnergyScene, Grasps, Terms, contact_slots
 from pipeline.synthesize.scoring import duplicates, first_failures, score_exactly
 from pipeline.synthesize.seeds import draw_seeds, free_joints
 

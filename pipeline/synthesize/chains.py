@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.energy.scene import EnergyScene, Grasps, Terms, chosen, read_grasps, read_terms
 from pipeline.records.parameters.synthesize import OptimizerParameters
-from pipeline.synthesize.energy import EnergyScene, Grasps, Terms, chosen, read_grasps, read_terms
 
 PUBLISHED_ITERATIONS = 6000  # the decay periods of the optimizer's parameters belong to chains of this length
 ALWAYS = 1e30  # a temperature at which every proposal is accepted
@@ -81,9 +81,9 @@ def launch_chains(
 
     Args:
         iterations: number of steps; the schedule is fitted to it.
-        current: ``energy_kernel.States`` of B chains; evaluated here.
+        current: ``kernel.States`` of B chains; evaluated here.
         best: the same, holding the best states so far; evaluated here.
-        slots: per contact, the chance (143,) of every candidate; see ``energy.contact_slots``.
+        slots: per contact, the chance (143,) of every candidate; see ``energy.scene.contact_slots``.
         free: (16,) joints that may move.
         seeds: (B,) 31-bit seeds of the chains.
     """

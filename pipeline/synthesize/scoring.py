@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pipeline.energy.scene import Grasps, Terms, contact_positions, contact_shares, force_closure, torque_scale
 from pipeline.hand.allegro import Hand
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters
-from pipeline.synthesize.energy import Grasps, Terms, contact_positions, contact_shares, torque_scale
 
 SURFACE_TOLERANCE = 1e-6  # m; nearer than this, the normal is that of the triangle
 # A grasp is a duplicate of a better one within all three (notes of the yield measurements).
@@ -46,18 +46,6 @@ class ExactSurface:
         normal = np.where(near[:, None], 0.0, sign[:, None] * away / np.maximum(distance, SURFACE_TOLERANCE)[:, None])
         normal[near] = closest["primitive_normals"].numpy().astype(np.float64)[near]
         return sign * distance, normal / np.linalg.norm(normal, axis=1, keepdims=True)
-
-
-def force_closure(
-    points: NDArray[np.float64], normals: NDArray[np.float64], shares: NDArray[np.float64], scale: float
-) -> NDArray[np.float64]:
-    """Return |sum of share (n; scale x cross n)|^2 (B,) of contacts (B, n, 3): differentiable force closure.
-
-    Source: the published energy, with a share per contact and torques scaled by the object's size.
-    """
-    forces = shares[..., None] * normals
-    wrench = np.concatenate([forces.sum(1), scale * np.cross(points, forces).sum(1)], axis=-1)
-    return (wrench**2).sum(-1)
 
 
 def score_exactly(

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pipeline.energy.scene import EnergyScene, Grasps
 from pipeline.hand.allegro import Hand
 from pipeline.hand.moves import finger_joints
 from pipeline.records.parameters.synthesize import StyleParameters
-from pipeline.synthesize.energy import EnergyScene, Grasps
 
 JITTER = 0.1  # standard deviation of joints, share of their range (released code)
 ROTATION_NOISE = 0.1  # rad per axis; the released code adds it to the entries of its 6-D rotation

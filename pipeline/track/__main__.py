@@ -14,12 +14,12 @@ from pipeline.records.running import run_stage
 from pipeline.records.writing import write_json
 
 LOCK_FILE = Path("dvc.lock")
-SOURCES = ("synthesized",)
+SOURCES = ("synthesized", "learned")
 
 
 def sections() -> list[str]:
     """Parameter sections that the stage declares: all, except ``compute``, on which no result depends."""
-    results = ["prepare", "synthesize", "physics", "validate", "merge", "evaluate", "reconstruct", "report"]
+    results = ["prepare", "synthesize", "physics", "validate", "merge", "train", "evaluate", "reconstruct", "report"]
     return ["scale", "seed", "styles", "objects", "meshes", "renderings", "captures", *results, "track"]
 
 
@@ -60,6 +60,22 @@ def read_lock() -> dict[str, Any]:
     return content
 
 
+def read_curve() -> list[dict[str, float]]:
+    """Read the losses on the way of the training.
+
+    Raises:
+        UserError: the file is missing or damaged.
+    """
+    import csv
+
+    source = paths.MODEL_FOLDER / "history.csv"
+    try:
+        with source.open(newline="") as lines:
+            return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(lines)]
+    except (OSError, ValueError, TypeError) as error:
+        raise UserError(f"{source} is missing or damaged; run `dvc repro train` to make it again.") from error
+
+
 def plain(value: Any) -> Any:
     """Return typed parameters as plain data."""
     if hasattr(value, "model_dump"):
@@ -87,7 +103,8 @@ def work() -> None:
         parameters["captures"],
     )
     durations = read_json(paths.DURATIONS_FILE, "report") if paths.DURATIONS_FILE.exists() else {}
-    record = build_record(summary, flatten(parameters), locked_stages(read_lock(), names), durations)
+    curves = {"train": read_curve()}
+    record = build_record(summary, flatten(parameters), locked_stages(read_lock(), names), durations, curves)
     pages = [paths.REPORT_PAGE, paths.SUMMARY_FILE]
     new = write_record(
         Path.cwd(),

@@ -55,6 +55,7 @@ def stage_names(
     for stage in ("synthesize", "validate"):
         names += [f"{stage}-{style}@{name}" for style, members in styles.items() for name in members]
     names += [f"merge@{first}" for first in styles["pinch"]]
+    names += ["train", *(f"sample@{first}" for first in styles["pinch"])]
     names += [f"evaluate-{source}@{first}" for source in sources for first in styles["pinch"]]
     names += [f"capture@{name}" for name in renderings] + [f"reconstruct@{name}" for name in captures]
     return [*names, "report"]

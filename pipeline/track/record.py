@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 from pipeline.track.lock import LockedStage, digest
@@ -20,6 +21,7 @@ class StageRecord:
     parameters: dict[str, Any]
     metrics: dict[str, float]  # of this stage, without the stage's own prefix
     durations: dict[str, float]  # empty when unknown
+    curve: tuple[dict[str, float], ...] = ()  # metrics on the way, each with its ``step``
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ def stage_metrics(stage: str, metrics: Mapping[str, float]) -> dict[str, float]:
     """
     kind, _, item = stage.partition("@")
     prefix = kind.replace("-", ".") + "."
-    if kind == "merge" or kind.startswith("evaluate-"):
+    if kind in ("merge", "sample") or kind.startswith("evaluate-"):
         return {key.removeprefix(prefix): v for key, v in metrics.items() if key.startswith(f"{prefix}{item}--")}
     if item:
         prefix += f"{item}."
@@ -79,12 +81,14 @@ def build_record(
     parameters: Mapping[str, Any],
     stages: Sequence[LockedStage],
     durations: Mapping[str, Mapping[str, float]],
+    curves: Mapping[str, Sequence[Mapping[str, float]]] = MappingProxyType({}),
 ) -> Record:
     """Return the record of one result.
 
     Args:
         parameters: flat.
         durations: per DVC stage name.
+        curves: per DVC stage name, rows with ``step`` and metrics.
     """
     metrics = numbers(summary)
     return Record(
@@ -98,6 +102,7 @@ def build_record(
                 parameters=stage.parameters,
                 metrics=stage_metrics(stage.name, metrics),
                 durations={name: float(value) for name, value in durations.get(stage.name, {}).items()},
+                curve=tuple(dict(row) for row in curves.get(stage.name, ())),
             )
             for stage in stages
         ],

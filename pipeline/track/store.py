@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sqlite3
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -155,7 +155,23 @@ def _write_stage(client: MlflowClient, home: str, parent_id: str, stage: StageRe
     # A reused stage cost this result nothing: its durations stay with the run that paid for them.
     metrics = stage.metrics if first else {**stage.metrics, **stage.durations}
     _log(client, run.info.run_id, stage.parameters, metrics)
+    if not first:
+        _log_curve(client, run.info.run_id, stage.curve)
     client.set_terminated(run.info.run_id)
+
+
+def _log_curve(client: MlflowClient, run_id: str, curve: Sequence[Mapping[str, float]]) -> None:
+    from mlflow.entities import Metric
+
+    now = int(1000 * time.time())
+    points = [
+        Metric(f"curve.{name}", float(row[name]), now, int(row["step"]))  # another key than the final figure's
+        for row in curve
+        for name in sorted(row)
+        if name != "step"
+    ]
+    for begin in range(0, len(points), MOST_METRICS):
+        client.log_batch(run_id, metrics=points[begin : begin + MOST_METRICS])
 
 
 def _first_run(client: MlflowClient, home: str, condition: str) -> Run | None:

@@ -29,10 +29,11 @@ def stray_outputs(parameters: Parameters) -> list[Path]:
         Path("data/capture"): list(parameters.renderings),
         Path("data/reconstruct"): list(parameters.captures),
     }
-    folders = {*wanted, Path("data/merge")}
+    folders = {*wanted, Path("data/merge"), Path("data/train")}
     for stage in ("synthesize", "validate"):
         wanted |= {Path("data") / stage / style: names for style, names in styles.items()}
-    wanted[Path("data/merge")] = styles["pinch"]
+    for gathered in ("merge", "train"):
+        wanted[Path("data") / gathered] = styles["pinch"]
     wanted |= {folder: styles["pinch"] for folder in Path("data/evaluate").glob("*") if folder.is_dir()}
     return sorted(
         entry

@@ -1,7 +1,7 @@
 """`params.yaml` composed from `conf/`: by DVC's own Hydra composition, and never over hand edits by accident.
 
 `conf/config.yaml` holds what all scales share, `conf/scale/<scale>.yaml` what differs, `conf/preset/<preset>.yaml`
-what replaces settings of synthesis and validation. The composed file is committed,
+what replaces settings of synthesis, validation or the model. The composed file is committed,
 because DVC and the stages read it alone; it may be edited by hand at any time.
 """
 

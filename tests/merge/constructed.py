@@ -8,7 +8,8 @@ from scipy.optimize import brentq, least_squares
 
 from pipeline.hand.allegro import TIP_RADIUS, load_hand
 from pipeline.hand.kinematics import link_poses
-from pipeline.merge.grasps import RING_JOINTS, SingleGrasp
+from pipeline.hand.moves import RING_JOINTS
+from pipeline.pairing.grasps import SingleGrasp
 from pipeline.records.objects import PreparedObject
 from pipeline.records.poses import inverse_pose
 

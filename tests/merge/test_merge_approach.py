@@ -7,9 +7,10 @@ import pytest
 
 from pipeline.hand.allegro import FINGER_JOINTS, load_hand
 from pipeline.hand.kinematics import link_poses, points_on_links
+from pipeline.hand.moves import RING_JOINTS
 from pipeline.hand.surface import hand_surface, mount_surface
-from pipeline.merge.approach import first_opening, ring_motion_clearance, second_approach
-from pipeline.merge.grasps import RING_JOINTS, join
+from pipeline.pairing.approach import first_opening, ring_motion_clearance, second_approach
+from pipeline.pairing.grasps import join
 from pipeline.records.poses import transform_points
 from tests.merge.constructed import box, cylinder, pinch, side
 

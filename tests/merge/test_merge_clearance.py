@@ -7,8 +7,9 @@ import pytest
 
 from pipeline.hand.allegro import TIP_RADIUS, load_hand
 from pipeline.hand.kinematics import link_poses
+from pipeline.hand.moves import RING_JOINTS
 from pipeline.hand.surface import T_LINK7_HAND
-from pipeline.merge.clearance import (
+from pipeline.pairing.clearance import (
     distance_to_links,
     hand_clearance,
     held_object_height,
@@ -20,7 +21,7 @@ from pipeline.merge.clearance import (
     self_clearance,
     support_height,
 )
-from pipeline.merge.grasps import RING_JOINTS, join
+from pipeline.pairing.grasps import join
 from pipeline.records.poses import inverse_pose, transform_points
 from tests.merge.constructed import PALM_FACE, box, cylinder, pinch, side
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.merge.grasps import distinct_grasps, fingers_are_disjoint, join
+from pipeline.pairing.grasps import distinct_grasps, fingers_are_disjoint, join
 from tests.merge.constructed import pinch, side
 
 

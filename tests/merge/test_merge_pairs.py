@@ -11,10 +11,10 @@ import pytest
 from pipeline.hand.allegro import load_hand
 from pipeline.hand.kinematics import link_poses
 from pipeline.hand.parts import RING_LINKS
-from pipeline.merge.combination import Pair, try_combination
-from pipeline.merge.grasps import distinct_grasps
 from pipeline.merge.pairs import merge_pairs, ready_pinches, summary
-from pipeline.merge.readiness import ready_pinch
+from pipeline.pairing.combination import Pair, try_combination
+from pipeline.pairing.grasps import distinct_grasps
+from pipeline.pairing.readiness import ready_pinch
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters

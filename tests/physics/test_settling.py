@@ -5,8 +5,9 @@ from numpy.typing import NDArray
 
 from pipeline.hand.allegro import load_hand
 from pipeline.hand.approach import EXTENDED_FINGER
-from pipeline.merge.clearance import hand_object_clearance, holding_links, posed_hand
-from pipeline.physics.settling import RING_JOINTS, settle_pinch
+from pipeline.hand.moves import RING_JOINTS
+from pipeline.pairing.clearance import hand_object_clearance, holding_links, posed_hand
+from pipeline.physics.settling import settle_pinch
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.poses import inverse_pose
 from tests.merge.constructed import box, pinch

@@ -21,9 +21,11 @@ TABLES = (
     "data/synthesize",
     "data/validate",
     "data/merge",
+    "data/train",
     "data/evaluate",
     "data/capture",
     "data/reconstruct",
+    "models",
 )
 
 

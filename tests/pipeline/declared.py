@@ -26,9 +26,14 @@ class Stage:
     @property
     def room(self) -> str:
         """The stage's folder below `pipeline`."""
-        match = re.search(r"python -m pipeline\.(\w+)(?: |$)", self.command)
+        return self.module.split(".")[1]
+
+    @property
+    def module(self) -> str:
+        """The module that the command runs, such as `pipeline.merge.__main__` or `pipeline.train.sample`."""
+        match = re.search(r"python -m (pipeline\.\w+)(\.\w+)?(?: |$)", self.command)
         assert match, self.command
-        return match[1]
+        return match[1] + (match[2] or ".__main__")
 
     @property
     def options(self) -> dict[str, str]:
@@ -37,7 +42,7 @@ class Stage:
 
     def sections(self) -> list[str]:
         """What the stage's own ``sections()`` says for these options."""
-        function = import_module(f"pipeline.{self.room}.__main__").sections
+        function = import_module(self.module).sections
         known = {**self.options, "object_name": self.options.get("object", "")}
         return function(**{name: known.get(name, "") for name in inspect.signature(function).parameters})
 

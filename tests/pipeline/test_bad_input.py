@@ -16,6 +16,8 @@ COMMANDS = {
     "synthesize": ("--style", "pinch", "--object", "cube"),
     "validate": ("--style", "side", "--object", "soup_can"),
     "merge": ("--object", "cube"),
+    "train": (),
+    "train.sample": ("--object", "cube"),
     "evaluate": ("--source", "synthesized", "--object", "cube"),
     "report": (),
     "track": (),
@@ -74,7 +76,7 @@ def test_a_value_out_of_range_is_named(sandbox, room):
     assert_one_sentence(run(sandbox, room, *COMMANDS[room]), "physics.object_friction", "greater than or equal to 0")
 
 
-@pytest.mark.parametrize("room", ["synthesize", "validate", "merge", "evaluate", "report", "track"])
+@pytest.mark.parametrize("room", [room for room in COMMANDS if room != "prepare"])
 def test_missing_inputs_are_named_with_the_command_that_makes_them(sandbox, room):
     done = run(sandbox, room, *COMMANDS[room])
     assert_one_sentence(done, "is missing", "dvc repro")
@@ -86,7 +88,7 @@ def test_an_unknown_object_is_answered_with_the_known_ones(sandbox):
     assert_one_sentence(done, "no object 'dragon'", "cube, plum, slender_cylinder, soup_can")
 
 
-@pytest.mark.parametrize("room", ["synthesize", "validate"])
+@pytest.mark.parametrize("room", [room for room in COMMANDS if room != "prepare"])
 def test_an_unprepared_object_is_named(sandbox, room):
     done = run(sandbox, room, "--style", "pinch", "--object", "dragon")
     assert_one_sentence(done, "dragon")

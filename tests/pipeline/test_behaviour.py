@@ -40,7 +40,7 @@ def changed(workspace: WorkingCopy, dotted: str, value) -> None:
 def objects_in_tables(workspace: WorkingCopy) -> dict[str, set[str]]:
     """Return, for every table of a gathering stage, the objects in its rows and in its name."""
     found = {}
-    for folder in ("data/validate", "data/merge", "data/evaluate"):
+    for folder in ("data/validate", "data/merge", "data/train", "data/evaluate"):
         for path in sorted((workspace / folder).rglob("*.parquet")):
             table = pq.read_table(path)
             names = {
@@ -53,6 +53,7 @@ def objects_in_tables(workspace: WorkingCopy) -> dict[str, set[str]]:
                 "pinch",
                 "side",
                 "synthesized",
+                "learned",
             }
     return found
 
@@ -101,6 +102,10 @@ def test_headline_figures_are_in_the_summary(finished):
         "evaluate.synthesized.success_rate_min_pair",
         "evaluate.synthesized.success_rate_mean_10cm",
         "evaluate.synthesized.planning_failure_rate",
+        "evaluate.learned.success_rate_mean",
+        "train.validation_loss",
+        "train.penetration_mm_median",
+        "train.contact_distance_mm_median",
         "validate.pinch.cube.optimised",
         "validate.pinch.cube.validated",
         "validate.pinch.cube.survival_rate",
@@ -163,7 +168,8 @@ def test_workers_are_no_parameter_of_any_stage(workspace):
     [
         ("prepare", ["prepare@cube", "prepare@slender_cylinder"]),
         ("merge", ["merge@cube"]),
-        ("evaluate", ["evaluate-synthesized@cube"]),
+        ("train", ["train"]),
+        ("evaluate", ["evaluate-synthesized@cube", "evaluate-learned@cube"]),
         ("report", ["report"]),
     ],
 )
@@ -188,20 +194,23 @@ def test_an_object_of_one_s_own_comes_and_goes(workspace):
     ran = [name for name in workspace.repro().ran if name != "capture@tiny"]
     own = ["prepare-mesh@small_box", "synthesize-pinch@small_box", "validate-pinch@small_box"]
     assert ran[:3] == own and "merge@small_box" in ran
-    later = ("merge@", "evaluate-synthesized@", "report", "track")
+    later = ("merge@", "train", "sample@", "evaluate-", "report", "track")
     assert [name for name in ran[3:] if not name.startswith(later)] == []
     assert "evaluate-synthesized@small_box" in ran
     runs, with_box = workspace.recorded_runs(), objects_in_tables(workspace)
     assert {path for path, names in with_box.items() if "small_box" in names} == {
         "data/validate/pinch/small_box.parquet",
         "data/merge/small_box/slender_cylinder.parquet",
+        "data/train/small_box/slender_cylinder.parquet",
         "data/evaluate/synthesized/small_box.parquet",
+        "data/evaluate/learned/small_box.parquet",
     }
     assert with_box["data/validate/pinch/cube.parquet"] == tables["data/validate/pinch/cube.parquet"]
     # Gone again: gathered anew without it, and nothing of it is left where others gather.
     (workspace / "params.yaml").write_text(original)
     gone = workspace.repro()
-    assert set(gone.ran) <= {"capture@tiny", "merge@cube", "evaluate-synthesized@cube", "report", "track"}, gone.output
+    cube = {"merge@cube", "train", "sample@cube", "evaluate-synthesized@cube", "evaluate-learned@cube"}
+    assert set(gone.ran) <= {"capture@tiny", *cube, "report", "track"}, gone.output
     assert workspace.recorded_runs() == runs
     assert objects_in_tables(workspace) == tables
     assert "small_box" not in (workspace / "reports/summary.json").read_text()
@@ -275,7 +284,8 @@ def stage_names() -> list[str]:
     styles = {"pinch": "cube", "side": "slender_cylinder"}
     names = [f"prepare@{name}" for name in styles.values()]
     names += [f"{stage}-{style}@{name}" for stage in ("synthesize", "validate") for style, name in styles.items()]
-    return [*names, "merge@cube", "evaluate-synthesized@cube", "capture@tiny", "reconstruct@tiny", "report"]
+    names += ["merge@cube", "train", "sample@cube", "evaluate-synthesized@cube", "evaluate-learned@cube"]
+    return [*names, "capture@tiny", "reconstruct@tiny", "report"]
 
 
 @pytest.mark.parametrize("name", stage_names())

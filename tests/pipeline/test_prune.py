@@ -30,6 +30,7 @@ def test_only_outputs_of_objects_no_longer_named_are_removed(empty_folder, param
         "data/synthesize/pinch/cube.parquet",
         "data/validate/side/soup_can.parquet",
         "data/validate/pinch/notes.txt",
+        "data/train/plum/quality.json",
         "data/evaluate/synthesized/plum.parquet",
         "data/evaluate/learned/cube.parquet",
         "data/merge/cube/soup_can.parquet",

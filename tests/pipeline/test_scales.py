@@ -78,6 +78,15 @@ def test_the_official_preset_has_the_released_settings_on_any_scale(project, sca
     assert scales.describe() == f"scale {scale} with the official preset"
 
 
+def test_the_published_model_changes_the_training_alone(project):
+    scales.compose("paper", project / "ours.yaml")
+    scales.compose("paper", project / "params.yaml", "published_model")
+    ours, published = (flatten(yaml.safe_load((project / n).read_text())) for n in ("ours.yaml", "params.yaml"))
+    changed = {name for name in ours if published.get(name) != ours[name]}
+    assert {name.split(".")[0] for name in changed} == {"train", "preset"}
+    assert published["train.diffusion.schedule"] == "published" and published["train.optimization.batch"] == 512
+
+
 def test_every_switch_of_the_synthesis_is_used_by_one_preset(project):
     """But for the slip of the table term, which no preset repeats."""
     for preset in ("ours", "official"):
@@ -90,7 +99,7 @@ def test_every_switch_of_the_synthesis_is_used_by_one_preset(project):
 
 
 def test_an_unknown_preset_is_answered_with_the_known_ones(project):
-    with pytest.raises(UserError, match="no preset 'huge' .* use one of official, ours"):
+    with pytest.raises(UserError, match="no preset 'huge' .* use one of official, ours, published_model"):
         scales.switch("demo", force=True, preset="huge")
 
 

@@ -66,7 +66,7 @@ def unmerge(mesh: Mesh, share: float, random: np.random.Generator) -> Mesh:
 
 def degenerate(mesh: Mesh, share: float, random: np.random.Generator) -> Mesh:
     vertices, faces = mesh
-    corner, other = random.integers(len(vertices), size=(2, 5))
+    corner, other = random.choice(np.unique(faces), size=(2, 5))
     return vertices, np.concatenate([faces, np.stack([corner, corner, other], axis=1)])
 
 

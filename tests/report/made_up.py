@@ -4,6 +4,8 @@ import numpy as np
 import pandas as pd
 
 from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED
+from pipeline.report.learned import Learned
+from pipeline.report.rates import pair_merge
 
 REACH = [0.1, -0.5, 0.1, -2.5, 0.1, 1.9, 1.5]
 
@@ -70,7 +72,30 @@ def merged(first: str, second: str, accepted: int = 2) -> pd.DataFrame:
     return _filled(MERGED, rows)
 
 
-def trials(first: str, seconds: list[str]) -> pd.DataFrame:
+def learned(first: str, seconds: list[str]) -> Learned:
+    """A curve of two points; the last pair was kept from training."""
+    figures = {"penetration_mm_median": 0.5, "contact_distance_mm_median": 1.5, "object_overlap_mm_max": 0.0}
+    return Learned(
+        history=[
+            {"step": step, "training_loss": 1 / step, "held_out_loss": 2 / step, "held_out_pair_loss": 3 / step}
+            for step in (1, 2)
+        ],
+        quality={
+            (first, second): {
+                "trained": second != seconds[-1],
+                "drawn": 9,
+                "joint_violation_mean": 0.1,
+                "raw": {name: 2 * value for name, value in figures.items()},
+                "ranked": figures,
+                "held_out": {"grasps": 4, "covered": 0.5, "nearest_mm_median": 12.0},
+            }
+            for second in seconds
+        },
+        samples=[pair_merge(first, second, merged(first, second)) for second in seconds],
+    )
+
+
+def trials(first: str, seconds: list[str], source: str = "synthesized") -> pd.DataFrame:
     """Three trials per pair: success, no plan, dropped."""
     outcomes = [("", True, True), ("plan second", False, False), ("dropped in hold", False, True)]
     rows = []
@@ -81,7 +106,7 @@ def trials(first: str, seconds: list[str]) -> pd.DataFrame:
             rows.append(
                 {
                     "trial": index,
-                    "source": "synthesized",
+                    "source": source,
                     "object0": first,
                     "object1": second,
                     "merged_id": index % 2,

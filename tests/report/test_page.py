@@ -19,7 +19,7 @@ from pipeline.report.rates import pair_merge, pair_trials, single_grasp_funnel
 from pipeline.report.scene import UNIT, decimated, fractions, hexadecimal, shape_record, shown_grasps
 from pipeline.report.settings import described
 from pipeline.report.summary import summarize
-from pipeline.report.tables import Tables
+from pipeline.report.tables import SOURCES, Tables
 from tests.report import made_up
 
 
@@ -66,7 +66,7 @@ def tables() -> Tables:
         candidates={key: made_up.candidates(*key) for key in singles},
         validated={key: made_up.validated(*key) for key in singles},
         merged={("cube", "can"): made_up.merged("cube", "can")},
-        trials={("synthesized", "cube"): made_up.trials("cube", ["can"])},
+        trials={(source, "cube"): made_up.trials("cube", ["can"], source) for source in SOURCES},
     )
 
 
@@ -82,9 +82,10 @@ def content(tables) -> PageContent:
     views, shapes = draw_views(tables, objects, settings, EvaluateParameters(), workers=1)  # type: ignore[arg-type]
     funnels = [single_grasp_funnel(*key, tables.candidates[key], tables.validated[key]) for key in tables.candidates]
     merges = [pair_merge(*key, merged) for key, merged in tables.merged.items()]
-    trials = {"synthesized": [pair_trials("cube", "can", tables.trials["synthesized", "cube"])]}
+    trials = {source: [pair_trials("cube", "can", tables.trials[source, "cube"])] for source in SOURCES}
+    learned = made_up.learned("cube", ["can"])
     return PageContent(
-        summary=summarize("tiny", funnels, merges, trials, {}),
+        summary=summarize("tiny", funnels, merges, trials, {"demo": made_up.RECONSTRUCTION}, learned),
         funnels=funnels,
         merges=merges,
         trials=trials,
@@ -95,6 +96,7 @@ def content(tables) -> PageContent:
         hold_seconds=2.0,
         versions={"python": "3"},
         settings={"report": list(described("report", settings))},
+        learned=learned,
     )
 
 
@@ -117,7 +119,10 @@ def test_the_page_shows_the_pair_its_trials_and_the_paper(content):
     text = " ".join(parsed(build_page(content, "")).texts)
     for words in (
         "cube + can",
-        "Trial 0, success",
+        "Trial 0, synthesized grasps, success",
+        "Trial 0, grasps of the learned model, success",
+        "The learned model",
+        "65.8\u202f%",
         "failed: dropped in hold",
         "82.7\u202f%",
         "3.3\u202f%",
@@ -130,7 +135,7 @@ def test_the_page_shows_the_pair_its_trials_and_the_paper(content):
         assert words in text
     page = build_page(content, "")
     assert 'data-pair="cube--can"' in page
-    assert page.count("data:image/jpeg;base64,") == 1 + 2 + 2  # a grasp, two moments of two trials
+    assert page.count("data:image/jpeg;base64,") == 1 + 2 * (2 + 2)  # a grasp, two moments of two trials of each source
 
 
 def test_library_and_data_cannot_end_their_elements(content):
@@ -219,6 +224,7 @@ def test_picture_files_are_the_same_every_time(content):
 
 
 def test_strips_name_the_outcome(content):
-    success, failure = content.views[0].strips
+    success, failure, *learned = content.views[0].strips
+    assert [strip.source for strip in learned] == ["learned", "learned"]
     assert isinstance(success, Strip) and not success.failed and failure.failed
     assert success.captions == ["settle", "hold"]

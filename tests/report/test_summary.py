@@ -22,8 +22,10 @@ def summary() -> dict:
         for side, accepted in zip(SIDES, (2, 1), strict=True)
     ]
     trials = made_up.trials("cube", SIDES)
-    pairs = {"synthesized": [pair_trials("cube", side, trials) for side in SIDES]}
-    return summarize("tiny", funnels, merges, pairs, {"demo": made_up.RECONSTRUCTION})
+    counted = [pair_trials("cube", side, trials) for side in SIDES]
+    sources = {"synthesized": counted, "learned": counted}
+    reconstructions = {"demo": made_up.RECONSTRUCTION}
+    return summarize("tiny", funnels, merges, sources, reconstructions, made_up.learned("cube", SIDES))
 
 
 def documented_patterns(repository: Path) -> list[re.Pattern]:
@@ -65,6 +67,15 @@ def test_headline_figures(summary):
     assert summary["evaluate.synthesized.success_rate_mean"] == pytest.approx(1 / 3, abs=1e-6)
     assert summary["evaluate.synthesized.success_rate_mean_10cm"] == pytest.approx(2 / 3, abs=1e-6)
     assert summary["evaluate.synthesized.planning_failure_rate"] == pytest.approx(1 / 3, abs=1e-6)
+
+
+def test_figures_of_the_model(summary):
+    assert summary["train.steps"] == 2 and summary["train.training_loss"] == 0.5
+    assert summary["train.validation_loss"] == 1.0 and summary["train.validation_loss_held_out_pairs"] == 1.5
+    assert summary["train.penetration_mm_median"] == 0.5 and summary["train.penetration_mm_median_raw"] == 1.0
+    assert summary["sample.cube--can.acceptance_rate"] == pytest.approx(2 / 3, abs=1e-6)
+    assert summary["evaluate.learned.held_out_pairs.pairs"] == 1
+    assert summary["evaluate.learned.held_out_pairs.success_rate_mean"] == pytest.approx(1 / 3, abs=1e-6)
 
 
 def test_only_the_scale_is_a_text_and_keys_are_sorted(summary):

@@ -7,7 +7,7 @@ from html import unescape
 import pytest
 
 from pipeline.evaluate.trial import run_trial
-from pipeline.merge.combination import try_combination
+from pipeline.pairing.combination import try_combination
 from pipeline.records.parameters import read_parameters
 from pipeline.report.meanings import GRAVITY, MERGE, SYNTHESIS, TRIALS, VALIDATION, explained
 from pipeline.report.settings import described, section_rows

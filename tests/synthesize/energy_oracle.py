@@ -11,12 +11,12 @@ import numpy as np
 import pytorch_kinematics
 import torch
 
+from pipeline.energy.keep_out import keep_out_points
 from pipeline.hand.allegro import FINGER_LINKS, JOINT_NAMES, load_hand
 from pipeline.hand.assets import allegro_description
 from pipeline.hand.surface import hand_surface, mount_surface
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
-from pipeline.synthesize.keep_out import keep_out_points
 
 DTYPE = torch.float64
 

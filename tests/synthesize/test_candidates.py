@@ -6,13 +6,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pipeline.energy.scene import EnergyScene
 from pipeline.hand.allegro import load_hand
 from pipeline.records.parameters import load_parameters
 from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters, StyleParameters
 from pipeline.records.tables import CANDIDATES, write_table
 from pipeline.synthesize.__main__ import sections
 from pipeline.synthesize.candidates import Request, first_states, split_chains, synthesize, touching
-from pipeline.synthesize.energy import EnergyScene
 from tests.synthesize import shapes
 
 SETS = StyleParameters(

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pipeline.energy.scene import EnergyScene, Grasps, chosen, contact_slots, read_grasps
 from pipeline.hand.allegro import load_hand
 from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters
 from pipeline.synthesize.chains import launch_chains, run_chains
-from pipeline.synthesize.energy import EnergyScene, Grasps, chosen, contact_slots, read_grasps
 from pipeline.synthesize.seeds import draw_seeds, free_joints
 from tests.synthesize import shapes
 from tests.synthesize.test_energy import PINCH, SIDE

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pipeline.energy.scene import EnergyScene, Grasps
 from pipeline.hand.allegro import load_hand
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
-from pipeline.synthesize.energy import EnergyScene, Grasps
 from tests.synthesize import shapes
 from tests.synthesize.energy_oracle import EnergyOracle
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pipeline.energy.keep_out import HOLDING_ANGLES, PINCHED_RADIUS, fingers_used, keep_out_points
+from pipeline.energy.scene import EnergyScene, Grasps
 from pipeline.hand.allegro import FINGER_JOINTS, FINGER_LINKS, load_hand
 from pipeline.hand.kinematics import link_poses
 from pipeline.records.parameters.synthesize import EnergyParameters
-from pipeline.synthesize.energy import EnergyScene, Grasps
-from pipeline.synthesize.keep_out import HOLDING_ANGLES, PINCHED_RADIUS, fingers_used, keep_out_points
 from tests.synthesize import shapes
 from tests.synthesize.test_energy import SIDE
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pipeline.energy.scene import Grasps, Terms, block_order, contact_shares, contact_slots, force_closure, torque_scale
 from pipeline.hand.allegro import load_hand
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.synthesize import EnergyParameters
-from pipeline.synthesize.energy import Grasps, Terms, block_order, contact_shares, contact_slots, torque_scale
-from pipeline.synthesize.scoring import ExactSurface, duplicates, first_failures, force_closure
+from pipeline.synthesize.scoring import ExactSurface, duplicates, first_failures
 from tests.synthesize import shapes
 
 HAND = load_hand()

@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from pipeline.energy.scene import EnergyScene, Grasps, contact_slots
 from pipeline.hand.allegro import load_hand
 from pipeline.hand.kinematics import link_poses
 from pipeline.hand.moves import finger_joints
 from pipeline.hand.surface import hand_surface
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
-from pipeline.synthesize.energy import EnergyScene, Grasps, contact_slots
 from pipeline.synthesize.scoring import ExactSurface
 from pipeline.synthesize.seeds import (
     RELEASED_POSTURE,

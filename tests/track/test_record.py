@@ -69,11 +69,15 @@ def test_metrics_go_to_the_stage_that_they_are_of():
         "merge.plum--can.accepted": 3,
         "evaluate.synthesized.cube--can.success_rate": 1.0,
         "evaluate.synthesized.plum--can.success_rate": 0.0,
+        "train.validation_loss": 0.5,
+        "sample.cube--can.tried": 9,
     }
     assert stage_metrics("validate-pinch@cube", metrics) == {"survival_rate": 0.5, "rejected.gravity.minus_x": 0.1}
     assert stage_metrics("merge@cube", metrics) == {"cube--can.accepted": 4}
     assert stage_metrics("evaluate-synthesized@cube", metrics) == {"cube--can.success_rate": 1.0}
     assert stage_metrics("prepare@cube", metrics) == {}
+    assert stage_metrics("train", metrics) == {"validation_loss": 0.5}
+    assert stage_metrics("sample@cube", metrics) == {"cube--can.tried": 9}
 
 
 def test_only_numbers_are_metrics():

@@ -64,6 +64,19 @@ def test_a_result_is_a_finished_parent_with_its_stages(root):
     assert kept.read_text() == "<p>"
 
 
+def test_a_curve_is_recorded_once_step_by_step(root):
+    curve = tuple({"step": float(step), "loss": 1.0 / step} for step in (100, 200, 300))
+    stage = StageRecord("train", "t1", {}, {"loss": 0.5}, {}, curve)
+    for key in ("k1", "k2"):  # another result with the same training
+        assert write(root, Record(key, {}, {}, [stage]))
+    client = store.open_client(root)
+    fresh, reused = runs(root, "tags.`dvc.stage` = 'train'")
+    points = client.get_metric_history(fresh.info.run_id, "curve.loss")
+    assert [(point.step, point.value) for point in points] == [(100, 0.01), (200, 0.005), (300, 1 / 300)]
+    assert client.get_metric_history(reused.info.run_id, "curve.loss") == []
+    assert fresh.data.metrics["loss"] == 0.5
+
+
 def test_the_same_result_is_recorded_once(root):
     assert write(root, record())
     assert not write(root, record())

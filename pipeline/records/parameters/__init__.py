@@ -29,6 +29,7 @@ from pipeline.records.parameters.reconstruct import ReconstructParameters
 from pipeline.records.parameters.report import ComputeParameters, ReportParameters, TrackParameters
 from pipeline.records.parameters.section import Section
 from pipeline.records.parameters.synthesize import SynthesizeParameters
+from pipeline.records.parameters.train import TrainParameters
 from pipeline.records.parameters.validate import ValidateParameters
 
 OBJECT_NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -38,7 +39,9 @@ class Parameters(Section):
     """The whole of ``params.yaml``."""
 
     scale: Literal["demo", "paper", "tiny"] = Field(description="Which scale of conf/scale was composed.")
-    preset: Literal["ours", "official"] = Field(description="Which file of conf/preset was composed.")
+    preset: Literal["ours", "official", "published_model"] = Field(
+        description="Which file of conf/preset was composed."
+    )
     seed: int = Field(ge=0, description="Run seed; every item derives its own generator from it.")
     styles: StylesParameters
     objects: dict[str, ObjectParameters] = Field(description="Objects from packages and recipes, by name.")
@@ -50,6 +53,7 @@ class Parameters(Section):
     physics: PhysicsParameters
     validate_: ValidateParameters = Field(alias="validate")
     merge: MergeParameters
+    train: TrainParameters
     evaluate: EvaluateParameters
     reconstruct: ReconstructParameters
     report: ReportParameters

@@ -8,11 +8,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.hand.moves import finger_joints
+from pipeline.hand.moves import RING_JOINTS
 from pipeline.hand.parts import part_points
 from pipeline.records.poses import inverse_pose, pose_matrix, transform_points
-
-RING_JOINTS = finger_joints(["ring"])
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from pipeline.hand.allegro import FINGER_LINKS, Hand, load_hand
 from pipeline.hand.kinematics import link_poses, points_on_links
 from pipeline.hand.parts import RING_LINKS
 from pipeline.hand.surface import hand_surface, mount_surface
-from pipeline.merge.grasps import MergedGrasp
+from pipeline.pairing.grasps import MergedGrasp
 from pipeline.records.distance import signed_distance
 from pipeline.records.objects import PreparedObject
 from pipeline.records.poses import inverse_pose, transform_points

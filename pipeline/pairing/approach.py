@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from pipeline.hand.allegro import load_hand
 from pipeline.hand.approach import EXTENDED_FINGER, Approach, choose_approach
+from pipeline.hand.moves import RING_JOINTS
 from pipeline.hand.parts import RING_LINKS
-from pipeline.merge.clearance import hand_object_clearance, links_of, posed_hand, self_clearance, support_height
-from pipeline.merge.grasps import RING_JOINTS, MergedGrasp, SingleGrasp
+from pipeline.pairing.clearance import hand_object_clearance, links_of, posed_hand, self_clearance, support_height
+from pipeline.pairing.grasps import MergedGrasp, SingleGrasp
 from pipeline.records.distance import signed_distance
 from pipeline.records.objects import PreparedObject
 from pipeline.records.poses import inverse_pose, transform_points

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from pipeline.hand.allegro import FINGER_LINKS
-from pipeline.merge.approach import ring_motion_clearance, second_approach
-from pipeline.merge.clearance import (
+from pipeline.hand.moves import RING_JOINTS
+from pipeline.pairing.approach import ring_motion_clearance, second_approach
+from pipeline.pairing.clearance import (
     base_clearance,
     hand_clearance,
     held_object_height,
@@ -19,8 +20,8 @@ from pipeline.merge.clearance import (
     self_clearance,
     support_height,
 )
-from pipeline.merge.grasps import RING_JOINTS, MergedGrasp, SingleGrasp, fingers_are_disjoint, join
-from pipeline.merge.readiness import ReadyPinch
+from pipeline.pairing.grasps import MergedGrasp, SingleGrasp, fingers_are_disjoint, join
+from pipeline.pairing.readiness import ReadyPinch
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.physics import PhysicsParameters

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.merge.approach import first_opening
-from pipeline.merge.grasps import SingleGrasp
+from pipeline.pairing.approach import first_opening
+from pipeline.pairing.grasps import SingleGrasp
 from pipeline.physics.settling import settle_pinch
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pipeline.energy.keep_out import fingers_used, keep_out_points
 from pipeline.hand.allegro import FINGER_LINKS, Hand, load_hand
 from pipeline.hand.surface import hand_surface, mount_surface
 from pipeline.records.errors import UserError
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
-from pipeline.synthesize.keep_out import fingers_used, keep_out_points
 
 BLOCK = 32  # points with one bounding sphere
 OPPOSING_FINGERS = ("thumb", "palm")  # each contact set has one of them, the other fingers press against it
@@ -144,14 +144,14 @@ def warp() -> Any:
 
 @lru_cache(maxsize=4)
 def hand_arrays(device: str, point_count: int, with_mount: bool, keep_out_for: tuple[str, ...] | None) -> Any:
-    """Return ``energy_kernel.HandArrays`` of the hand with ``point_count`` surface points.
+    """Return ``kernel.HandArrays`` of the hand with ``point_count`` surface points.
 
     Args:
         with_mount: whether flange and mount are part of it.
         keep_out_for: fingers of the style whose keep-out points are part of it, None for no such points.
     """
     wp = warp()
-    from pipeline.synthesize import energy_kernel as kernel
+    from pipeline.energy import kernel
 
     hand = load_hand()
     parts = hand_parts(hand)
@@ -227,9 +227,9 @@ def torque_scale(extents: NDArray[np.float64], scale: bool) -> float:
 
 
 def object_arrays(device: str, prepared: PreparedObject, energy: EnergyParameters, style: StyleParameters) -> Any:
-    """Return ``energy_kernel.ObjectArrays``; the object stands on a plane at its lowest z."""
+    """Return ``kernel.ObjectArrays``; the object stands on a plane at its lowest z."""
     wp = warp()
-    from pipeline.synthesize import energy_kernel as kernel
+    from pipeline.energy import kernel
 
     points = prepared.surface_points[: energy.object_points]
     blocks = block_order(points)
@@ -265,7 +265,7 @@ class EnergyScene:
         self, prepared: PreparedObject, energy: EnergyParameters, style: StyleParameters, device: str = "cpu"
     ) -> None:
         self.wp = warp()
-        from pipeline.synthesize import energy_kernel as kernel
+        from pipeline.energy import kernel
 
         self.kernel = kernel
         self.device = device
@@ -275,7 +275,7 @@ class EnergyScene:
         self.energy = energy
 
     def weights(self, table_factor: int = 1) -> Any:
-        """Return ``energy_kernel.Weights``; the gradient of the table term is multiplied by ``table_factor``."""
+        """Return ``kernel.Weights``; the gradient of the table term is multiplied by ``table_factor``."""
         weights = self.kernel.Weights()
         weights.force_closure = self.energy.weight_force_closure
         weights.distance = self.energy.weight_distance
@@ -292,7 +292,7 @@ class EnergyScene:
         self.wp.load_module(self.kernel, device=self.device)
 
     def states(self, grasps: Grasps) -> Any:
-        """Return ``energy_kernel.States`` holding a batch; energies and gradients are still zero."""
+        """Return ``kernel.States`` holding a batch; energies and gradients are still zero."""
         wp, count = self.wp, len(grasps)
         states = self.kernel.States()
         states.position = wp.array(grasps.position.astype(np.float32), dtype=wp.vec3, device=self.device)
@@ -327,7 +327,7 @@ class EnergyScene:
         )
 
     def evaluate(self, grasps: Grasps) -> tuple[Terms, NDArray[np.float64]]:
-        """Return terms and gradients (B, 22) of a batch; degrees of freedom as in ``energy_kernel``."""
+        """Return terms and gradients (B, 22) of a batch; degrees of freedom as in ``kernel``."""
         states = self.states(grasps)
         self.launch_evaluation(states, self.scratch(grasps), self.weights())
         return read_terms(states), states.gradient.numpy().astype(np.float64)
@@ -373,6 +373,18 @@ def contact_shares(hand: Hand, contacts: NDArray[np.int64], balance: bool) -> ND
     mine = np.where(opposing, opposing.sum(1, keepdims=True), (~opposing).sum(1, keepdims=True))
     both = opposing.any(1, keepdims=True) & (~opposing).any(1, keepdims=True)
     return np.where(both, 0.5 * count / mine, 1.0) if balance else np.ones(contacts.shape)
+
+
+def force_closure(
+    points: NDArray[np.float64], normals: NDArray[np.float64], shares: NDArray[np.float64], scale: float
+) -> NDArray[np.float64]:
+    """Return |sum of share (n; scale x cross n)|^2 (B,) of contacts (B, n, 3): differentiable force closure.
+
+    Source: the published energy, with a share per contact and torques scaled by the object's size.
+    """
+    forces = shares[..., None] * normals
+    wrench = np.concatenate([forces.sum(1), scale * np.cross(points, forces).sum(1)], axis=-1)
+    return (wrench**2).sum(-1)
 
 
 def contact_slots(

@@ -1,0 +1,158 @@
+"""The learned model: its curve, the quality of its samples without physics, and how it did on pairs kept from it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import pandas as pd
+
+from pipeline.records import paths
+from pipeline.records.errors import UserError
+from pipeline.records.parameters.objects import StylesParameters
+from pipeline.records.tables import MERGED, read_table
+from pipeline.report.charts import CATEGORY_COLOURS, bars_with_table, percent, table
+from pipeline.report.meanings import MERGE, explained
+from pipeline.report.rates import PairMerge, PairTrials, mean, pair_merge
+
+PASSED = "passed"
+LOSSES = {
+    "training_loss": "training",
+    "held_out_loss": "grasps kept from training",
+    "held_out_pair_loss": "pairs kept from training",
+}
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What the model's stages left behind."""
+
+    history: Sequence[Mapping[str, float]]  # rows of history.csv
+    quality: Mapping[tuple[str, str], Mapping[str, Any]]  # per pair, see pipeline.train.sample
+    samples: Sequence[PairMerge]  # fates of the samples that were tried
+
+
+def load_learned(styles: StylesParameters) -> Learned:
+    """Read what ``train`` and ``sample`` wrote for the pairs of ``styles``.
+
+    Raises:
+        UserError: a file is missing or damaged.
+    """
+    try:
+        history = pd.read_csv(paths.MODEL_FOLDER / "history.csv").to_dict("records")
+    except (OSError, ValueError) as error:
+        raise UserError(
+            f"{paths.MODEL_FOLDER}/history.csv is missing or damaged; run `dvc repro train` to make it again."
+        ) from error
+    pairs = [(first, second) for first in styles.pinch for second in styles.side]
+    figures = {first: _read_quality(first) for first in styles.pinch}
+    return Learned(
+        history=[{str(name): value for name, value in row.items()} for row in history],
+        quality={(first, second): figures[first][second] for first, second in pairs},
+        samples=[
+            pair_merge(first, second, read_table(paths.sampled_file(first, second), MERGED, f"sample@{first}"))
+            for first, second in pairs
+        ],
+    )
+
+
+def _read_quality(first: str) -> dict[str, Any]:
+    source: Path = paths.sampled_folder(first) / "quality.json"
+    try:
+        content: dict[str, Any] = json.loads(source.read_text())
+    except (OSError, ValueError) as error:
+        raise UserError(f"{source} is missing or damaged; run `dvc repro sample@{first}` to make it again.") from error
+    return content
+
+
+def learned_summary(learned: Learned, trials: Sequence[PairTrials]) -> dict[str, float | int]:
+    """Return the model's part of the summary.
+
+    Args:
+        trials: with the grasps of the model.
+    """
+    last = learned.history[-1]
+    values: dict[str, float | int] = {"train.steps": int(last["step"]), "train.training_loss": last["training_loss"]}
+    if "held_out_loss" in last:
+        values["train.validation_loss"] = last["held_out_loss"]
+    if "held_out_pair_loss" in last:
+        values["train.validation_loss_held_out_pairs"] = last["held_out_pair_loss"]
+    for name in ("penetration_mm_median", "contact_distance_mm_median"):
+        ranked = [own["ranked"][name] for own in learned.quality.values() if own["ranked"]]
+        values[f"train.{name}"] = median(ranked) if ranked else 0.0
+        values[f"train.{name}_raw"] = median(own["raw"][name] for own in learned.quality.values())
+    values["train.joint_violation_mean"] = mean([own["joint_violation_mean"] for own in learned.quality.values()])
+    covered = [own["held_out"] for own in learned.quality.values() if own["held_out"]]
+    if covered:
+        values["train.held_out_covered"] = mean([own["covered"] for own in covered])
+        values["train.held_out_nearest_mm_median"] = median(own["nearest_mm_median"] for own in covered)
+    for fates in learned.samples:
+        item = f"sample.{fates.first}--{fates.second}"
+        values |= {f"{item}.tried": fates.tried, f"{item}.accepted": fates.accepted}
+        values[f"{item}.acceptance_rate"] = fates.acceptance_rate
+    unseen = [pair for pair in trials if not learned.quality[pair.first, pair.second]["trained"]]
+    if unseen:
+        values["evaluate.learned.held_out_pairs.pairs"] = len(unseen)
+        values["evaluate.learned.held_out_pairs.success_rate_mean"] = mean([pair.success_rate for pair in unseen])
+    return values
+
+
+def learned_section(learned: Learned) -> str:
+    """Return the curve, the quality of samples per pair, and the fates of those that were tried."""
+    rows = []
+    for (first, second), own in learned.quality.items():
+        cells = [f"{first} + {second}".replace("_", " "), "yes" if own["trained"] else "no", str(own["drawn"])]
+        for name in ("penetration_mm_median", "contact_distance_mm_median"):
+            cells += [f"{own['raw'][name]:.2f}", f"{own['ranked'][name]:.2f}" if own["ranked"] else "–"]
+        held_out = own["held_out"]
+        cells += [f"{percent(held_out['covered'])} of {held_out['grasps']}"] if held_out else ["–"]
+        cells += [f"{held_out['nearest_mm_median']:.1f}"] if held_out else ["–"]
+        rows.append(cells)
+    headers = ["pair", "trained together", "drawn", "overlap, raw (mm)", "ranked", "contact distance, raw (mm)"]
+    headers += ["ranked", "kept grasps that a sample is near to", "distance to the nearest (mm)"]
+    bars = [
+        (f"{fates.first} + {fates.second}".replace("_", " "), {PASSED: fates.accepted, **fates.rejected})
+        for fates in learned.samples
+    ]
+    return (
+        "<p>A generative model, conditioned on the point clouds of both objects, is trained on the merged grasps. Its "
+        "samples are refined on the grasp energy, ranked by it, and checked like any merged grasp; what passes is "
+        "carried out like synthesized grasps.</p>\n"
+        f"{loss_curves(learned.history)}"
+        "<h3>Samples without physics</h3>\n"
+        "<p>Medians. Overlap: the deepest point of hand or object inside the other. Contact distance: of the assigned "
+        "contacts to the surface. Ranked: refined, and accepted by the checks. A sample is near to a grasp that was "
+        "kept from training when points of the hand are less than 15 mm off on average.</p>\n"
+        f"{table(headers, rows)}"
+        "<h3>Samples that were tried, by the first check that they failed</h3>\n"
+        + bars_with_table(bars, PASSED, "Fate of samples per pair", "pair")
+        + explained((check for fates in learned.samples for check in fates.rejected), MERGE)
+    )
+
+
+def loss_curves(history: Sequence[Mapping[str, float]]) -> str:
+    """Return the losses over the steps of the training as SVG."""
+    left, top, width, height = 60, 30, 640, 220
+    shown = [name for name in LOSSES if name in history[0]]
+    last_step = max(row["step"] for row in history)
+    most = max(row[name] for row in history for name in shown)
+    parts = [f'<svg class="bars" viewBox="0 0 {left + width + 20} {top + height + 40}" role="img" aria-label="Losses">']
+    for share in (0.0, 0.5, 1.0):
+        y = top + height * (1 - share)
+        parts.append(f'<line x1="{left}" x2="{left + width}" y1="{y:.1f}" y2="{y:.1f}" stroke="#ccc"/>')
+        parts.append(f'<text x="{left - 8}" y="{y + 4:.1f}" text-anchor="end">{most * share:.3g}</text>')
+    for index, name in enumerate(shown):
+        colour = CATEGORY_COLOURS[(4, 0, 2)[index]]
+        places = [(left + width * row["step"] / last_step, top + height * (1 - row[name] / most)) for row in history]
+        points = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
+        parts.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="2"/>')
+        parts.append(f'<rect x="{left + 220 * index}" y="4" width="12" height="12" fill="{colour}"/>')
+        parts.append(f'<text x="{left + 17 + 220 * index}" y="15">{escape(LOSSES[name])}</text>')
+    parts.append(f'<text x="{left}" y="{top + height + 20}">0</text>')
+    parts.append(f'<text x="{left + width}" y="{top + height + 20}" text-anchor="end">{last_step:g} steps</text>')
+    return "\n".join([*parts, "</svg>\n"])

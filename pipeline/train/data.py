@@ -1,0 +1,117 @@
+"""Examples to learn from: accepted rows of merged tables as arrays, and which of them are kept from training."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pipeline.records.errors import UserError
+from pipeline.records.objects import PreparedObject
+from pipeline.records.parameters.train import EncoderParameters, TrainDataParameters
+from pipeline.records.poses import pose_matrix
+from pipeline.records.seeds import item_generator
+from pipeline.train.clouds import Clouds, prepare_cloud, stack
+from pipeline.train.representation import GraspBatch
+
+STYLES = ("pinch", "side")  # how object 0 and object 1 are held
+
+
+@dataclass(frozen=True)
+class Examples:
+    """Accepted two-object grasps of all pairs, and the clouds of all objects."""
+
+    objects: tuple[str, ...]
+    pairs: tuple[tuple[str, str], ...]
+    grasps: GraspBatch  # of N examples
+    pair: NDArray[np.int64]  # (N,) index into pairs
+    split: NDArray[np.str_]  # (N,) "training", "held_out" (a single grasp is unseen), "held_out_pair" (the pair is)
+    held_out: dict[str, list[int]]  # "pinch.cube" -> single grasps that are kept from training, by id
+    clouds: Clouds  # object by object, draw by draw
+
+    def pair_objects(self) -> NDArray[np.int64]:
+        """Indices (P, 2) into ``objects``."""
+        return np.array([[self.objects.index(name) for name in pair] for pair in self.pairs])
+
+
+def held_out_grasps(table: pd.DataFrame, slot: int, share: float, seed: int) -> set[int]:
+    """Return the single grasps of one object in one slot, by id, that are kept from training: a share, at least one.
+
+    The choice depends on the seed, the object and the slot, so it is the same in all tables of the object.
+    """
+    ids = sorted({int(value) for value in table[f"grasp{slot}_id"]})
+    if share == 0 or len(ids) < 2:
+        return set()
+    rng = item_generator(seed, "train", "held_out", str(table[f"object{slot}"].iloc[0]), slot)
+    return set(rng.permutation(ids)[: max(1, round(share * len(ids)))].tolist())
+
+
+def gather_examples(
+    tables: Mapping[tuple[str, str], pd.DataFrame],
+    objects: Mapping[str, PreparedObject],
+    data: TrainDataParameters,
+    encoder: EncoderParameters,
+    seed: int,
+) -> Examples:
+    """Return the accepted rows of merged tables, by pair, with their split and the clouds of their objects.
+
+    Raises:
+        UserError: there is nothing to learn from, or ``held_out_pairs`` names an unknown pair.
+    """
+    for first, second in data.held_out_pairs:
+        if (first, second) not in tables:
+            raise UserError(
+                f"params.yaml: train.data.held_out_pairs names the unknown pair [{first}, {second}]; "
+                "name an object of styles.pinch and one of styles.side."
+            )
+    accepted = {pair: table[table["rejected_by"] == ""] for pair, table in tables.items()}
+    pairs = tuple(pair for pair, rows in accepted.items() if len(rows))
+    if not pairs:
+        raise UserError("data/merge holds no accepted grasp; loosen `merge` in params.yaml or synthesize more chains.")
+    rows = pd.concat([accepted[pair] for pair in pairs], ignore_index=True)
+    held_out = {
+        f"{style}.{name}": sorted(held_out_grasps(own, slot, data.held_out, seed))
+        for slot, style in enumerate(STYLES)
+        for name, own in rows.groupby(f"object{slot}")
+    }
+    unseen = unseen_rows(rows, held_out)
+    pair = np.concatenate([np.full(len(accepted[name]), index) for index, name in enumerate(pairs)])
+    unseen_pair = np.isin(pair, [index for index, name in enumerate(pairs) if list(name) in data.held_out_pairs])
+    split = np.where(unseen_pair, "held_out_pair", np.where(unseen, "held_out", "training"))
+    if not (split == "training").any():
+        raise UserError("params.yaml: train.data keeps every grasp from training; lower held_out or held_out_pairs.")
+    names = tuple(dict.fromkeys(name for name_pair in pairs for name in name_pair))
+    clouds = object_clouds([objects[name] for name in names], encoder, seed)
+    return Examples(names, pairs, grasps_of(rows), pair, split, held_out, clouds)
+
+
+def unseen_rows(rows: pd.DataFrame, held_out: Mapping[str, Sequence[int]]) -> NDArray[np.bool_]:
+    """Return which rows (N,) of a merged table have a single grasp in ``held_out``."""
+    unseen = np.zeros(len(rows), dtype=bool)
+    for slot, style in enumerate(STYLES):
+        keys = zip(rows[f"object{slot}"], rows[f"grasp{slot}_id"], strict=True)
+        unseen |= np.array([index in held_out.get(f"{style}.{name}", ()) for name, index in keys], dtype=bool)
+    return unseen
+
+
+def grasps_of(rows: pd.DataFrame) -> GraspBatch:
+    """Return the grasps in rows of a merged table."""
+    T = [
+        pose_matrix(np.stack(rows[f"position_hand_object{slot}"]), np.stack(rows[f"quaternion_hand_object{slot}"]))
+        for slot in (0, 1)
+    ]
+    return GraspBatch(np.stack(T, axis=1), np.stack(rows["q"]))
+
+
+def object_clouds(objects: Sequence[PreparedObject], settings: EncoderParameters, seed: int) -> Clouds:
+    """Return ``settings.clouds`` draws of every object's surface points, one object after the other."""
+    return stack(
+        [
+            prepare_cloud(item.surface_points, settings, item_generator(seed, "train", "cloud", item.name, index))
+            for item in objects
+            for index in range(settings.clouds)
+        ]
+    )

@@ -1,0 +1,141 @@
+"""From samples to grasps that a robot can try: refined, ranked, checked like any merged grasp."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pipeline.compute.fan_out import fan_out
+from pipeline.compute.shared import Shared
+from pipeline.hand.allegro import load_hand
+from pipeline.pairing.combination import Pair, try_combination
+from pipeline.pairing.readiness import ready_pinch
+from pipeline.records.parameters.merge import MergeParameters
+from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
+from pipeline.records.parameters.train import SamplingParameters
+from pipeline.records.poses import pose_matrix
+from pipeline.records.tables import MERGED
+from pipeline.train.checkpoint import Checkpoint
+from pipeline.train.execution import single_grasps
+from pipeline.train.network import GraspModel
+from pipeline.train.quality import penetration_depth
+from pipeline.train.refinement import PairEnergy, Scored, refine
+from pipeline.train.sampling import sample_grasps
+
+CHUNK = 16  # most samples tried at once; not the number of workers, on which results must not depend
+SPARE = 4  # samples tried at once beyond those still wanted
+
+
+@dataclass(frozen=True)
+class Task:
+    """Everything that proposals for one pair depend on, besides the model."""
+
+    pair: Pair
+    points: tuple[NDArray[np.float64], NDArray[np.float64]]  # what the model sees of the objects, object frames, m
+    settings: SamplingParameters
+    energy: EnergyParameters
+    styles: tuple[StyleParameters, StyleParameters]  # of object 0 and of object 1
+    seed: int
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Samples of one pair before they are checked, best first."""
+
+    raw: Scored  # as they came from the model
+    ranked: Scored
+    joint_violation: NDArray[np.float64]  # (B,) largest per sample, rad, before joints were clamped; of ``raw``
+
+
+def pair_energy(task: Task) -> PairEnergy:
+    """Return the energy of the task's pair."""
+    objects = task.pair.object0, task.pair.object1
+    return PairEnergy(objects, task.energy, task.styles, task.pair.merge.clearance)
+
+
+def draw_grasps(checkpoint: Checkpoint, model: GraspModel, task: Task, energy: PairEnergy) -> Drawn:
+    """Sample, refine and rank grasps of one pair."""
+    settings = task.settings
+    grasps, violation = sample_grasps(
+        checkpoint, model, task.points, settings.draws, settings.sampler, settings.steps, task.seed
+    )
+    rng = np.random.default_rng(task.seed)
+    raw = refine(energy, grasps, 0, settings.refine_step, rng)
+    scored = refine(energy, grasps, settings.refine_iterations, settings.refine_step, rng)
+    ranked = scored.chosen(np.argsort(scored.energy, kind="stable")) if settings.rank else scored
+    return Drawn(raw, ranked, violation.max(1))
+
+
+def check_grasps(task: Task, drawn: Drawn, workers: int) -> pd.DataFrame:
+    """Return the table ``MERGED`` of one pair: samples in their order until enough are accepted, each with its fate.
+
+    ``grasp0_id`` and ``grasp1_id`` are the place of the sample in that order, and so is ``merged_id``.
+    """
+    settings = task.settings
+    pair = replace(task.pair, merge=_checks(task.pair.merge, settings))
+    rows: list[dict[str, Any]] = []
+    accepted = 0
+    with Shared((pair, drawn.ranked)) as shared:
+        while accepted < settings.grasps and len(rows) < settings.draws:
+            count = min(CHUNK, settings.grasps - accepted + SPARE, settings.draws - len(rows))
+            label = f"{pair.object0.name}--{pair.object1.name}: {accepted} of {settings.grasps}"
+            indices = range(len(rows), len(rows) + count)
+            for row in fan_out(partial(_check, shared), indices, workers, label):
+                if accepted < settings.grasps:
+                    rows.append(row | {"merged_id": len(rows)})
+                    accepted += row["rejected_by"] == ""
+    return pd.DataFrame(rows, columns=MERGED.names, dtype=object)
+
+
+def _checks(merge: MergeParameters, settings: SamplingParameters) -> MergeParameters:
+    """Return the limits of ``merge``, or ones that nothing exceeds where checks are switched off."""
+    changes: dict[str, Any] = {"physics_test": settings.physics and merge.physics_test}
+    if not settings.check:
+        changes |= {"clearance": -1.0, "penetration_tolerance": 1.0, "mount_clearance": -1.0}
+    return merge.model_copy(update=changes)
+
+
+def _check(shared: Shared[tuple[Pair, Scored]], index: int) -> dict[str, Any]:
+    pair, scored = shared.value
+    objects, grasps = (pair.object0, pair.object1), scored.grasps
+    first, second = single_grasps(
+        load_hand(), objects, grasps.T_hand_object[index], grasps.q[index], scored.contacts, index, pair.validate
+    )
+    ready = ready_pinch(pair.object0, pair.physics if pair.merge.physics_test else None, first)
+    return try_combination(pair, ready, second)
+
+
+def quality(energy: PairEnergy, scored: Scored) -> dict[str, float]:
+    """Return figures of samples without physics, mm: overlap of hand and objects, distance of contacts.
+
+    Medians over samples; of the overlap of the objects the largest.
+    """
+    hand, grasps = load_hand(), scored.grasps
+    depths = [
+        penetration_depth(hand, item, energy.fields[slot], grasps.T_hand_object[:, slot], grasps.q)
+        for slot, item in enumerate(energy.objects)
+    ]
+    contact = [own.distance for own in scored.contacts]
+    return {
+        "penetration_mm_median": 1000 * float(np.median(np.maximum(*depths))),
+        "contact_distance_mm_median": 1000 * float(np.median(np.mean(contact, axis=0))),
+        "object_overlap_mm_max": 1000 * float(scored.overlap.max()),
+    }
+
+
+def in_frames_of_files(table: pd.DataFrame, centre0: NDArray[np.float64], centre1: NDArray[np.float64]) -> pd.DataFrame:
+    """Return a merged table with object frames whose origins lie at minus the centres (3,): the frames of files.
+
+    A point p of the file is p - centre in the object's frame; the axes are the same.
+    """
+    moved = table.copy()
+    for slot, centre in enumerate((centre0, centre1)):
+        position, quaternion = (np.stack(table[f"{name}_hand_object{slot}"]) for name in ("position", "quaternion"))
+        T = pose_matrix(position, quaternion)
+        moved[f"position_hand_object{slot}"] = list(T[:, :3, 3] - T[:, :3, :3] @ centre)
+    return moved

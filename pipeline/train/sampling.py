@@ -1,0 +1,51 @@
+"""From noise to grasps of one pair."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from pipeline.hand.allegro import load_hand
+from pipeline.train.checkpoint import Checkpoint
+from pipeline.train.clouds import prepare_cloud, stack
+from pipeline.train.diffusion import draw
+from pipeline.train.network import GraspModel, cloud_tensors
+from pipeline.train.representation import GraspBatch, from_vectors, joint_violation
+
+CLOUDS = 8  # draws of each object's points, shared among the samples: no sample set hangs on one unlucky draw
+
+
+def sample_grasps(
+    checkpoint: Checkpoint,
+    model: GraspModel,
+    points: tuple[NDArray[np.float64], NDArray[np.float64]],
+    count: int,
+    sampler: str,
+    steps: int,
+    seed: int,
+) -> tuple[GraspBatch, NDArray[np.float64]]:
+    """Return ``count`` grasps of a pair and how far their joints lay beyond the limits, (count, 16) rad.
+
+    Args:
+        points: surface points (m, 3) of object 0 and object 1, object frame.
+    """
+    rng = np.random.default_rng(seed)
+    clouds_each = min(CLOUDS, count)
+    device = next(model.parameters()).device
+    drawn = [prepare_cloud(own, checkpoint.encoder, rng, even=True) for own in points for _ in range(clouds_each)]
+    pairs = torch.arange(clouds_each, device=device)[:, None] + torch.tensor([0, clouds_each], device=device)
+    with torch.no_grad():
+        context = model.context(cloud_tensors(stack(drawn), device), pairs)
+        pair = torch.arange(count, device=device) % clouds_each
+        generator = torch.Generator(device).manual_seed(seed)
+        normal = draw(
+            checkpoint.diffusion,
+            lambda x, time: model(x, time, context, pair),
+            (count, len(checkpoint.normalisation.mean)),
+            sampler,
+            steps,
+            generator,
+        )
+    vectors = checkpoint.normalisation.undo(normal.cpu().numpy().astype(np.float64))
+    return from_vectors(load_hand(), vectors), joint_violation(vectors, load_hand())

@@ -1,0 +1,130 @@
+"""The stage and the tool as commands, with a tiny model, in a folder of their own."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+import yaml
+
+from pipeline.records import paths
+from pipeline.records.objects import write_prepared_object
+from pipeline.records.tables import MERGED, read_table, write_table
+from pipeline.train import __main__ as stage
+from pipeline.train import sample
+from tests.train.conftest import FIRSTS, SECONDS
+
+TINY = {
+    "encoder": {"points": 64, "clouds": 2, "centres": [16, 8, 4], "neighbours": [8, 8, 4], "widths": [8, 8, 16]},
+    "denoiser": {"width": 32, "blocks": 1, "slot_width": 4},
+    "optimization": {"steps": 8, "batch": 16, "record_every": 4},
+    # Untrained samples pass no check; all of them are to be seen.
+    "sampling": {"draws": 6, "grasps": 3, "steps": 4, "refine_iterations": 4, "check": False, "physics": False},
+}
+
+
+@pytest.fixture(scope="module")
+def workplace(tmp_path_factory, repository: Path, objects, tables) -> Path:
+    """Prepared objects, merged tables, parameters of a tiny model."""
+    folder = tmp_path_factory.mktemp("train")
+    values = yaml.safe_load((repository / "params.yaml").read_text())
+    recipe = values["objects"]["cube"]
+    values["objects"] = dict.fromkeys((*FIRSTS, *SECONDS), recipe)
+    values["styles"] = {"pinch": list(FIRSTS), "side": list(SECONDS)}
+    for part, changes in TINY.items():
+        values["train"][part] |= changes
+    values["compute"]["workers"] = 1
+    (folder / "params.yaml").write_text(yaml.safe_dump(values))
+    for prepared in objects.values():
+        write_prepared_object(folder / paths.prepared_folder(prepared.name), prepared)
+    for (first, second), table in tables.items():
+        full = table.assign(squeeze_q=table["q"], fingers0="thumb+index", fingers1="ring+palm")
+        for name in set(MERGED.names) - set(full.columns):
+            full[name] = None
+        write_table(folder / paths.merged_file(first, second), full, MERGED)
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def here(workplace, monkeypatch):
+    monkeypatch.chdir(workplace)
+
+
+@pytest.fixture(scope="module")
+def model(workplace):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(workplace)
+        patch.setattr("sys.argv", ["train"])
+        assert stage.main() == 0
+    return workplace / paths.MODEL_FOLDER
+
+
+def test_training_leaves_a_model_and_its_curve_and_no_state(model):
+    assert sorted(path.name for path in model.iterdir()) == ["history.csv", "model.json", "model.safetensors"]
+    assert (model / "history.csv").read_text().startswith("step,epoch,learning_rate,training_loss,held_out_loss\n4,")
+    assert not paths.TRAINING_STATE.exists()
+    before = {path.name: path.read_bytes() for path in model.iterdir()}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.argv", ["train"])
+        assert stage.main() == 0
+    assert {path.name: path.read_bytes() for path in model.iterdir()} == before
+
+
+def test_samples_of_a_pair_are_a_merged_table_that_does_not_depend_on_workers(model, workplace):
+    assert sample.main(["--object", "cube"]) == 0
+    found = {}
+    for second in SECONDS:
+        rows = read_table(paths.sampled_file("cube", second), MERGED, "sample@cube")
+        assert rows["merged_id"].tolist() == list(range(len(rows)))
+        accepted = rows[rows["rejected_by"] == ""]
+        assert len(accepted) == 3
+        assert all(len(row.squeeze_q) == len(row.open_q1) == 16 for row in accepted.itertuples())
+        found[second] = paths.sampled_file("cube", second).read_bytes()
+    quality = json.loads((paths.sampled_folder("cube") / "quality.json").read_text())
+    assert quality["can"]["trained"] and quality["can"]["drawn"] == 6
+    assert quality["can"]["ranked"]["penetration_mm_median"] >= 0
+    values = yaml.safe_load(Path("params.yaml").read_text())
+    original = Path("params.yaml").read_text()
+    values["compute"]["workers"] = 2
+    Path("params.yaml").write_text(yaml.safe_dump(values))
+    assert sample.main(["--object", "cube"]) == 0
+    Path("params.yaml").write_text(original)
+    assert {second: paths.sampled_file("cube", second).read_bytes() for second in SECONDS} == found
+
+
+def test_own_files_give_ranked_grasps_in_the_frames_of_the_files(model, tmp_path):
+    mesh = trimesh.creation.box((0.05, 0.05, 0.05))
+    mesh.apply_translation([1, 2, 3])
+    mesh.export(tmp_path / "box.stl")
+    cloud = trimesh.sample.sample_surface(trimesh.creation.cylinder(0.03, 0.1), 300, seed=0)[0]
+    np.save(tmp_path / "can.npy", cloud)
+    files = ["--object0", str(tmp_path / "box.stl"), "--object1", str(tmp_path / "can.npy")]
+    assert sample.main([*files, "-n", "2", "--output", str(tmp_path / "out")]) == 0
+    rows = read_table(tmp_path / "out/grasps.parquet", MERGED, "")
+    assert len(rows) == 2 and len(json.loads((tmp_path / "out/grasps.json").read_text())) == 2
+    # The box lies far from its file's origin, the hand near the box.
+    assert np.linalg.norm(rows["position_hand_object0"][0]) > 3
+    page = (tmp_path / "out/grasps.html").read_text()
+    assert "grasp 2" in page and 'src="http' not in page
+
+
+def test_bad_input_is_one_sentence(model, tmp_path, capsys):
+    assert sample.main(["--object", "teapot"]) == 2
+    assert "styles.pinch does not name 'teapot'" in capsys.readouterr().err
+    assert sample.main(["--object0", "none.stl", "--object1", "none.stl"]) == 2
+    error = capsys.readouterr().err
+    assert "none.stl is missing" in error and len(error.strip().splitlines()) == 1
+    with pytest.raises(SystemExit):
+        sample.main(["--object0", "none.stl"])
+
+
+def test_without_a_model_the_stage_that_makes_it_is_named(model, capsys):
+    model.rename(model.with_name("away"))
+    try:
+        assert sample.main(["--object", "cube"]) == 2
+        assert "run `dvc repro train`" in capsys.readouterr().err
+    finally:
+        model.with_name("away").rename(model)

@@ -1,0 +1,96 @@
+import json
+
+import pytest
+import torch
+
+from pipeline.records.errors import UserError
+from pipeline.train import training
+from pipeline.train.checkpoint import read_checkpoint, write_checkpoint
+from pipeline.train.data import gather_examples
+
+
+@pytest.fixture(scope="module")
+def examples(tables, objects, settings):
+    return gather_examples(tables, objects, settings.data, settings.encoder, 1)
+
+
+@pytest.fixture(scope="module")
+def trained(examples, settings, tmp_path_factory):
+    return training.train(examples, settings, 1, tmp_path_factory.mktemp("state") / "state.pt")
+
+
+def with_optimization(settings, **changes):
+    return settings.model_copy(update={"optimization": settings.optimization.model_copy(update=changes)})
+
+
+def test_a_killed_run_resumes_to_the_same_bytes(examples, settings, trained, tmp_path, monkeypatch):
+    state, original, calls = tmp_path / "state.pt", training.loss_of, []
+
+    def killed(model, batch, pairs, own):
+        calls.append(model.training)
+        if sum(calls) > 7:
+            raise KeyboardInterrupt
+        return original(model, batch, pairs, own)
+
+    monkeypatch.setattr(training, "loss_of", killed)
+    with pytest.raises(KeyboardInterrupt):
+        training.train(examples, settings, 1, state)
+    assert torch.load(state, weights_only=True)["step"] == 4
+    monkeypatch.setattr(training, "loss_of", original)
+    checkpoint, history = training.train(examples, settings, 1, state)
+    for name in ("whole", "resumed"):
+        write_checkpoint(tmp_path / name, *(trained if name == "whole" else (checkpoint, history)))
+    for name in ("model.safetensors", "model.json", "history.csv"):
+        assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "resumed" / name).read_bytes(), name
+
+
+def test_another_run_s_state_is_not_resumed(examples, settings, trained, tmp_path):
+    state = tmp_path / "state.pt"
+    training.train(examples, with_optimization(settings, learning_rate=0.01), 1, state)
+    checkpoint, _ = training.train(examples, settings, 1, state)
+    assert all(torch.equal(value, trained[0].weights[name]) for name, value in checkpoint.weights.items())
+    state.write_bytes(b"half a fi")
+    checkpoint, _ = training.train(examples, settings, 1, state)
+    assert all(torch.equal(value, trained[0].weights[name]) for name, value in checkpoint.weights.items())
+
+
+def test_the_curve_has_a_point_per_record_with_both_losses(trained, settings):
+    _, history = trained
+    assert [point["step"] for point in history] == [4, 8, 12]
+    assert all({"training_loss", "held_out_loss", "epoch", "learning_rate"} <= point.keys() for point in history)
+
+
+@pytest.mark.parametrize(
+    ("objective", "schedule", "kind"),
+    [("clean", "cosine", "mlp"), ("flow", "cosine", "mlp"), ("epsilon", "published", "attention")],
+)
+def test_every_objective_learns(examples, settings, tmp_path, objective, schedule, kind):
+    own = with_optimization(settings, steps=150, record_every=30, learning_rate=3e-3).model_copy(
+        update={
+            "diffusion": settings.diffusion.model_copy(update={"objective": objective, "schedule": schedule}),
+            "denoiser": settings.denoiser.model_copy(update={"kind": kind}),
+        }
+    )
+    _, history = training.train(examples, own, 1, tmp_path / "state.pt")
+    assert history[-1]["training_loss"] < 0.95 * history[0]["training_loss"]
+
+
+def test_a_checkpoint_survives_and_a_broken_one_is_named(trained, tmp_path):
+    folder = tmp_path / "model"
+    write_checkpoint(folder, *trained)
+    found = read_checkpoint(folder)
+    assert found.pairs == trained[0].pairs and found.diffusion == trained[0].diffusion
+    assert all(torch.equal(value, trained[0].weights[name]) for name, value in found.weights.items())
+    config = json.loads((folder / "model.json").read_text())
+    (folder / "model.json").write_text(json.dumps(config | {"format": 99}))
+    with pytest.raises(UserError, match="another version"):
+        read_checkpoint(folder)
+    (folder / "model.json").write_text(json.dumps(config | {"pairs": 3}))
+    with pytest.raises(UserError, match="damaged"):
+        read_checkpoint(folder)
+    (folder / "model.json").write_text(json.dumps(config))
+    (folder / "model.safetensors").write_bytes(b"x")
+    with pytest.raises(UserError, match="damaged"):
+        read_checkpoint(folder)
+    with pytest.raises(UserError, match="missing; run `dvc repro train`"):
+        read_checkpoint(tmp_path / "none")
