@@ -52,7 +52,7 @@ class PreparedObject:
         return float(self.vertices[:, 2].min())
 
 
-def _write_mesh(target: Path, vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> None:
+def write_mesh(target: Path, vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> None:
     """Write a binary PLY; vertices must already be float32 values, as PLY holds no more."""
     corners = np.empty(len(faces), dtype=[("count", "u1"), ("index", "<i4", 3)])
     corners["count"], corners["index"] = 3, faces
@@ -74,10 +74,10 @@ def write_prepared_object(folder: Path, prepared: PreparedObject, picture: bytes
         UserError: the folder cannot be written to.
     """
     with whole_folder(folder) as temporary:
-        _write_mesh(temporary / "mesh.ply", prepared.vertices, prepared.faces)
+        write_mesh(temporary / "mesh.ply", prepared.vertices, prepared.faces)
         (temporary / "parts").mkdir()
         for index, (vertices, faces) in enumerate(prepared.parts):
-            _write_mesh(temporary / "parts" / f"{index:02d}.ply", vertices, faces)
+            write_mesh(temporary / "parts" / f"{index:02d}.ply", vertices, faces)
         np.save(temporary / "distance.npy", prepared.distance.astype(np.float32), allow_pickle=False)
         surface = np.concatenate([prepared.surface_points, prepared.surface_normals], axis=1)
         np.save(temporary / "surface.npy", surface.astype(np.float32), allow_pickle=False)

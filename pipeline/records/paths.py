@@ -55,3 +55,13 @@ def sampled_file(first: str, second: str) -> Path:
 def trials_file(source: str, first: str) -> Path:
     """Table of robot trials of all pairs that begin with ``first``; ``source`` is where the grasps came from."""
     return Path("data/evaluate") / source / f"{first}.parquet"
+
+
+def capture_folder(name: str) -> Path:
+    """Folder of the photos of a rendered capture."""
+    return Path("data/capture") / name
+
+
+def reconstruction_folder(name: str) -> Path:
+    """Folder of what was reconstructed from one capture."""
+    return Path("data/reconstruct") / name

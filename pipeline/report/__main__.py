@@ -13,13 +13,14 @@ from pipeline.records.writing import whole_file, whole_folder, write_json
 
 def sections() -> list[str]:
     """Parameter sections that the stage declares: all that its page shows, so all on which results depend."""
-    stages = ["prepare", "synthesize", "physics", "validate", "merge", "train", "evaluate", "report"]
-    return ["scale", "seed", "styles", "objects", "meshes", *stages]
+    stages = ["prepare", "synthesize", "physics", "validate", "merge", "train", "evaluate", "reconstruct", "report"]
+    return ["scale", "seed", "styles", "objects", "meshes", "renderings", "captures", *stages]
 
 
 def work() -> None:
     """Read every table, count, draw, and write the page, the figures, the card and the summary."""
     parameters = load_parameters(sections())
+    from pipeline.records.reconstructions import load_reconstruction_metrics
     from pipeline.records.tables import MERGED
     from pipeline.report.dataset_card import CardContent, ObjectFacts, dataset_card
     from pipeline.report.diversity import diversity
@@ -47,7 +48,8 @@ def work() -> None:
         for source in SOURCES
     }
     learned = load_learned(styles)
-    summary = summarize(parameters["scale"], funnels, merges, trials, learned)
+    reconstructions = {name: load_reconstruction_metrics(name) for name in parameters["captures"]}
+    summary = summarize(parameters["scale"], funnels, merges, trials, reconstructions, learned)
     workers = read_parameters().compute.workers
     objects = load_objects(tables)
     used, pair_diversities = diversity(tables)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from pipeline.report.learned import Learned, learned_summary
 from pipeline.report.rates import Funnel, PairMerge, PairTrials, mean, ratio
@@ -20,12 +21,14 @@ def summarize(
     funnels: Sequence[Funnel],
     merges: Sequence[PairMerge],
     trials: dict[str, list[PairTrials]],
+    reconstructions: Mapping[str, Mapping[str, Any]],
     learned: Learned | None = None,
 ) -> dict[str, Value]:
     """Return the summary, sorted by key.
 
     Args:
         trials: per source of grasps, one entry per pair.
+        reconstructions: per capture what its ``metrics.json`` holds.
         learned: of the model.
     """
     values: dict[str, Value] = {"scale": scale}
@@ -44,6 +47,8 @@ def summarize(
     values["merge.acceptance_rate_min_pair"] = min((merge.acceptance_rate for merge in merges), default=0.0)
     for source, pairs in trials.items():
         values |= _of_source(source, pairs)
+    for capture, metrics in reconstructions.items():
+        values |= _of_capture(capture, metrics)
     if learned:
         values |= learned_summary(learned, trials["learned"])
     return {key: rounded(values[key]) for key in sorted(values)}
@@ -87,6 +92,15 @@ def _of_merge(merge: PairMerge) -> dict[str, Value]:
         f"{item}.acceptance_rate": merge.acceptance_rate,
     }
     return values | _shares(f"{item}.rejected", merge.rejected, merge.tried)
+
+
+def _of_capture(capture: str, metrics: Mapping[str, Any]) -> dict[str, Value]:
+    keys = ("registered_ratio", "reprojection_px", "alignment_mm", "camera_mm_mean", "chamfer_mm_max")
+    values: dict[str, Value] = {f"reconstruct.{capture}.{key}": metrics[key] for key in keys if key in metrics}
+    for name, figures in metrics["objects"].items():
+        if "chamfer_mm" in figures:
+            values[f"reconstruct.{capture}.{name}.chamfer_mm"] = figures["chamfer_mm"]
+    return values
 
 
 def _of_source(source: str, pairs: Sequence[PairTrials]) -> dict[str, Value]:

@@ -19,8 +19,8 @@ SOURCES = ("synthesized", "learned")
 
 def sections() -> list[str]:
     """Parameter sections that the stage declares: all, except ``compute``, on which no result depends."""
-    results = ["prepare", "synthesize", "physics", "validate", "merge", "train", "evaluate", "report"]
-    return ["scale", "seed", "styles", "objects", "meshes", *results, "track"]
+    results = ["prepare", "synthesize", "physics", "validate", "merge", "train", "evaluate", "reconstruct", "report"]
+    return ["scale", "seed", "styles", "objects", "meshes", "renderings", "captures", *results, "track"]
 
 
 def read_json(source: Path, made_by: str) -> dict[str, Any]:
@@ -94,7 +94,14 @@ def work() -> None:
     from pipeline.track.store import write_record
 
     summary = read_json(paths.SUMMARY_FILE, "report")
-    names = stage_names(parameters["styles"], parameters["objects"], parameters["meshes"], SOURCES)
+    names = stage_names(
+        parameters["styles"],
+        parameters["objects"],
+        parameters["meshes"],
+        SOURCES,
+        parameters["renderings"],
+        parameters["captures"],
+    )
     durations = read_json(paths.DURATIONS_FILE, "report") if paths.DURATIONS_FILE.exists() else {}
     curves = {"train": read_curve()}
     record = build_record(summary, flatten(parameters), locked_stages(read_lock(), names), durations, curves)

@@ -43,7 +43,12 @@ def flatten(content: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def stage_names(
-    styles: Mapping[str, Iterable[str]], objects: Iterable[str], meshes: Iterable[str], sources: Iterable[str]
+    styles: Mapping[str, Iterable[str]],
+    objects: Iterable[str],
+    meshes: Iterable[str],
+    sources: Iterable[str],
+    renderings: Iterable[str] = (),
+    captures: Iterable[str] = (),
 ) -> list[str]:
     """Return the DVC names of all stages before ``track`` in order; ``dvc.lock`` also keeps stages that are gone."""
     names = [f"prepare@{name}" for name in objects] + [f"prepare-mesh@{name}" for name in meshes]
@@ -52,6 +57,7 @@ def stage_names(
     names += [f"merge@{first}" for first in styles["pinch"]]
     names += ["train", *(f"sample@{first}" for first in styles["pinch"])]
     names += [f"evaluate-{source}@{first}" for source in sources for first in styles["pinch"]]
+    names += [f"capture@{name}" for name in renderings] + [f"reconstruct@{name}" for name in captures]
     return [*names, "report"]
 
 

@@ -28,13 +28,14 @@ class Library:
 
 PHYSICS = ("validate", "merge", "evaluate")
 PICTURES = ("prepare", "report")
+PHOTOS = ("capture", "reconstruct")
 
 LIBRARIES = (
-    Library("libX11.so.6", "libx11-6", (*PHYSICS, *PICTURES)),  # sapien, open3d
-    Library("libGL.so.1", "libgl1", (*PHYSICS, *PICTURES)),  # opencv inside mani_skill, open3d
-    Library("libgthread-2.0.so.0", "libglib2.0-0", PHYSICS),  # opencv inside mani_skill
-    Library("libEGL.so.1", "libegl1", PICTURES),  # open3d
-    Library("libusb-1.0.so.0", "libusb-1.0-0", PICTURES),  # open3d
+    Library("libX11.so.6", "libx11-6", (*PHYSICS, *PICTURES, *PHOTOS)),  # sapien, open3d
+    Library("libGL.so.1", "libgl1", (*PHYSICS, *PICTURES, *PHOTOS)),  # opencv (also inside mani_skill), open3d
+    Library("libgthread-2.0.so.0", "libglib2.0-0", (*PHYSICS, *PHOTOS)),  # opencv (also inside mani_skill)
+    Library("libEGL.so.1", "libegl1", (*PICTURES, *PHOTOS)),  # open3d
+    Library("libusb-1.0.so.0", "libusb-1.0-0", (*PICTURES, *PHOTOS)),  # open3d
     Library("libgomp.so.1", "libgomp1", ("evaluate",)),  # pinocchio
 )
 

@@ -24,7 +24,12 @@ TEMPORARY = re.compile(r"\..+\.(\d+)\.tmp")  # see records.writing
 def stray_outputs(parameters: Parameters) -> list[Path]:
     """Return outputs below ``data`` whose object is no longer named for them, sorted."""
     styles = {"pinch": parameters.styles.pinch, "side": parameters.styles.side}
-    wanted = {Path("data/prepare"): [*parameters.objects, *parameters.meshes]}
+    wanted = {
+        Path("data/prepare"): [*parameters.objects, *parameters.meshes],
+        Path("data/capture"): list(parameters.renderings),
+        Path("data/reconstruct"): list(parameters.captures),
+    }
+    folders = {*wanted, Path("data/merge"), Path("data/train")}
     for stage in ("synthesize", "validate"):
         wanted |= {Path("data") / stage / style: names for style, names in styles.items()}
     for gathered in ("merge", "train"):
@@ -34,8 +39,7 @@ def stray_outputs(parameters: Parameters) -> list[Path]:
         entry
         for folder, names in wanted.items()
         for entry in folder.glob("*")
-        if (entry.suffix == ".parquet" or folder.name in ("prepare", "merge", "train"))
-        and entry.name.removesuffix(".parquet") not in names
+        if (entry.suffix == ".parquet" or folder in folders) and entry.name.removesuffix(".parquet") not in names
         if not entry.name.startswith(".")
     )
 

@@ -16,7 +16,17 @@ import yaml
 
 # Durations differ from run to run, and no stage declares them.
 UNCOUNTED = {"durations.json", ".durations.lock", ".gitignore"}
-TABLES = ("data/prepare", "data/synthesize", "data/validate", "data/merge", "data/train", "data/evaluate", "models")
+TABLES = (
+    "data/prepare",
+    "data/synthesize",
+    "data/validate",
+    "data/merge",
+    "data/train",
+    "data/evaluate",
+    "data/capture",
+    "data/reconstruct",
+    "models",
+)
 
 
 @dataclass(frozen=True)

@@ -50,7 +50,7 @@ class Stage:
 def _filled(value, variables: dict[str, str]):
     if isinstance(value, dict):
         return [_filled(key, variables) for key in value][0]
-    return re.sub(r"\$\{(\w+)\}", lambda match: variables[match[1]], value)
+    return re.sub(r"\$\{([\w.]+)\}", lambda match: variables[match[1]], value)
 
 
 def declared_stages(root: Path) -> list[Stage]:
@@ -64,7 +64,11 @@ def declared_stages(root: Path) -> list[Stage]:
             value = parameters
             for part in stage["foreach"].strip("${}").split("."):
                 value = value[part]
-            items = [(f"{name}@{key}", {"key": key, "item": key}) for key in value]
+            items = []
+            for key in value:
+                fields = value[key] if isinstance(value, dict) else {}
+                fields = {f"item.{field}": str(content) for field, content in fields.items()}
+                items.append((f"{name}@{key}", {"key": key, "item": key, **fields}))
         else:
             items = [(name, {})]
         for full_name, variables in items:

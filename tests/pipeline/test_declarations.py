@@ -80,6 +80,8 @@ def test_heavy_packages_are_imported_inside_functions(room):
         "trimesh",
         "mlflow",
         "plotly",
+        "pycolmap",
+        "cv2",
     }
     main = ROOT / "pipeline" / room / "__main__.py"
     seen, waiting = set(), [f"pipeline.{room}.__main__"]

@@ -85,7 +85,7 @@ def content(tables) -> PageContent:
     trials = {source: [pair_trials("cube", "can", tables.trials[source, "cube"])] for source in SOURCES}
     learned = made_up.learned("cube", ["can"])
     return PageContent(
-        summary=summarize("tiny", funnels, merges, trials, learned),
+        summary=summarize("tiny", funnels, merges, trials, {"demo": made_up.RECONSTRUCTION}, learned),
         funnels=funnels,
         merges=merges,
         trials=trials,

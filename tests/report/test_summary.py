@@ -24,7 +24,8 @@ def summary() -> dict:
     trials = made_up.trials("cube", SIDES)
     counted = [pair_trials("cube", side, trials) for side in SIDES]
     sources = {"synthesized": counted, "learned": counted}
-    return summarize("tiny", funnels, merges, sources, made_up.learned("cube", SIDES))
+    reconstructions = {"demo": made_up.RECONSTRUCTION}
+    return summarize("tiny", funnels, merges, sources, reconstructions, made_up.learned("cube", SIDES))
 
 
 def documented_patterns(repository: Path) -> list[re.Pattern]:
@@ -37,6 +38,7 @@ def documented_patterns(repository: Path) -> list[re.Pattern]:
             ("style", "pinch|side"),
             ("source", "[a-z]+"),
             ("object", "[a-z0-9_]+"),
+            ("capture", "[a-z0-9_]+"),
             ("first", "[a-z0-9_]+"),
             ("second", "[a-z0-9_]+"),
             ("check", "[a-z0-9_.]+"),
@@ -88,7 +90,7 @@ def test_keys_have_only_letters_that_mlflow_takes(summary):
 
 def test_a_pair_without_trials_counts_as_no_success():
     pairs = [pair_trials("cube", side, made_up.trials("cube", ["can"])) for side in SIDES]
-    values = summarize("tiny", [], [], {"synthesized": pairs})
+    values = summarize("tiny", [], [], {"synthesized": pairs}, {})
     assert values["evaluate.synthesized.success_rate_min_pair"] == 0.0
     assert values["evaluate.synthesized.success_rate_mean"] == pytest.approx(1 / 6, abs=1e-6)
 

@@ -19,11 +19,13 @@ from pydantic import Field, ValidationError, model_validator
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
+from pipeline.records.parameters.capture import CaptureParameters, RenderingParameters
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.objects import MeshParameters, ObjectParameters, StylesParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.prepare import PrepareParameters
+from pipeline.records.parameters.reconstruct import ReconstructParameters
 from pipeline.records.parameters.report import ComputeParameters, ReportParameters, TrackParameters
 from pipeline.records.parameters.section import Section
 from pipeline.records.parameters.synthesize import SynthesizeParameters
@@ -44,6 +46,8 @@ class Parameters(Section):
     styles: StylesParameters
     objects: dict[str, ObjectParameters] = Field(description="Objects from packages and recipes, by name.")
     meshes: dict[str, MeshParameters] = Field(description="Objects from the user's own files, by name.")
+    renderings: dict[str, RenderingParameters] = Field(description="Rendered captures, by name.")
+    captures: dict[str, CaptureParameters] = Field(description="Captures to reconstruct, by name.")
     prepare: PrepareParameters
     synthesize: SynthesizeParameters
     physics: PhysicsParameters
@@ -51,6 +55,7 @@ class Parameters(Section):
     merge: MergeParameters
     train: TrainParameters
     evaluate: EvaluateParameters
+    reconstruct: ReconstructParameters
     report: ReportParameters
     track: TrackParameters
     compute: ComputeParameters
@@ -74,6 +79,17 @@ class Parameters(Section):
                     )
             if len(set(names)) != len(names):
                 raise ValueError(f"styles.{style} names an object twice")
+        return self
+
+    @model_validator(mode="after")
+    def _captures_agree(self) -> Parameters:
+        for name in [*self.renderings, *self.captures]:
+            if not OBJECT_NAME.fullmatch(name):
+                raise ValueError(f"capture name {name!r}: use small letters, digits and underscores, a letter first")
+        for name, rendering in self.renderings.items():
+            for object_name in rendering.objects:
+                if object_name not in self.objects and object_name not in self.meshes:
+                    raise ValueError(f"renderings.{name} shows the unknown object {object_name!r}; add it to objects")
         return self
 
     @model_validator(mode="after")

@@ -1,0 +1,148 @@
+"""A rendered capture: exactly the folder that a person with a camera would make, and the truth apart in ``gt/``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from pipeline.capture.layout import FOAM, TAG_PLACES, camera_poses
+from pipeline.capture.rendering import Lens, Solid, Stage
+from pipeline.capture.sensor import jpeg_bytes, photograph
+from pipeline.capture.texture import Print, foam_picture
+from pipeline.compute.fan_out import fan_out
+from pipeline.records.errors import UserError
+from pipeline.records.objects import PreparedObject
+from pipeline.records.parameters.capture import RenderingParameters
+from pipeline.records.poses import pose_matrix
+from pipeline.records.seeds import item_generator
+from pipeline.records.writing import whole_folder, write_json
+
+
+@dataclass(frozen=True)
+class _Shot:
+    """One photo to be taken; ``scene`` is shared by all, and hashed by identity."""
+
+    solids: tuple[Solid, ...]
+    settings: RenderingParameters
+    seed: int
+    name: str
+    view: int
+    T_camera_scene: NDArray[np.float64]
+    target: Path
+
+
+_stages: dict[object, Stage] = {}
+
+
+def _stage(shot: _Shot) -> Stage:
+    """Return the scene of a shot; a process builds it once."""
+    key = (shot.seed, repr(shot.settings), *((s.T_scene.tobytes(), s.vertices.tobytes()) for s in shot.solids))
+    if key not in _stages:
+        _stages.clear()
+        settings = shot.settings
+        _stages[key] = Stage(
+            list(shot.solids),
+            foam_picture(settings.tags, settings.tag_size, item_generator(shot.seed, "capture", "foam", 0)),
+            Print.make(item_generator(shot.seed, "capture", "print", 0)),
+            settings.texture,
+            settings.gloss,
+        )
+    return _stages[key]
+
+
+def _take(shot: _Shot) -> None:
+    settings = shot.settings
+    lens = Lens(settings.width, settings.height, settings.focal * settings.width, settings.distortion)
+    light = _stage(shot).picture(lens, shot.T_camera_scene)
+    pixels = photograph(light, settings, item_generator(shot.seed, "capture", shot.name, shot.view))
+    shot.target.write_bytes(jpeg_bytes(pixels, settings.jpeg_quality))
+
+
+def placed_solids(objects: Mapping[str, PreparedObject], settings: RenderingParameters) -> dict[str, Solid]:
+    """Return the objects of a rendering, standing on the foam (z = 0).
+
+    Raises:
+        UserError: an object stands beside the foam.
+    """
+    solids = {}
+    for name, place in settings.objects.items():
+        prepared = objects[name]
+        if max(abs(place.position[0]) - FOAM[0] / 2, abs(place.position[1]) - FOAM[1] / 2) > -0.05:
+            raise UserError(
+                f"params.yaml: renderings: {name} at {list(place.position)} is not on the foam, "
+                f"which is {FOAM[0]} x {FOAM[1]} m about the origin; move it 5 cm inside."
+            )
+        half = np.radians(place.yaw_degrees) / 2
+        T = pose_matrix((*place.position, -prepared.bottom), (np.cos(half), 0, 0, np.sin(half)))
+        solids[name] = Solid(prepared.vertices, prepared.faces, T)
+    return solids
+
+
+def _scene_text(solids: Mapping[str, Solid], settings: RenderingParameters) -> str:
+    """What a person measures with a ruler: to whole millimetres, boxes rounded up."""
+    entries = {}
+    for name, solid in solids.items():
+        low, high = solid.vertices.min(axis=0), solid.vertices.max(axis=0)
+        middle = solid.T_scene[:3, :3] @ ((low + high) / 2) + solid.T_scene[:3, 3]
+        entries[name] = {
+            "position": [round(float(value), 3) for value in middle[:2]],
+            "yaw_degrees": float(settings.objects[name].yaw_degrees),
+            "box": [float(np.ceil(1000 * extent) / 1000) for extent in high - low],
+        }
+    return yaml.safe_dump({"support_plane": 0.0, "objects": entries}, sort_keys=False)
+
+
+def _tags_text(settings: RenderingParameters) -> str:
+    tags = {
+        number: {"position": [x, y, 0.0], "yaw_degrees": yaw}
+        for number, (x, y, yaw) in enumerate(TAG_PLACES[: settings.tags])
+    }
+    layout = {"family": "tag36h11", "size": settings.tag_size, "convention": "opencv", "tags": tags}
+    return yaml.safe_dump(layout, sort_keys=False)
+
+
+def _write_surface(target: Path, solid: Solid) -> None:
+    import trimesh
+
+    trimesh.Trimesh(solid.placed(), solid.faces, process=False).export(target)
+
+
+def photo_name(view: int) -> str:
+    """Return the file name of a photo."""
+    return f"photo_{view:03d}.jpg"
+
+
+def render_capture(
+    folder: Path,
+    name: str,
+    objects: Mapping[str, PreparedObject],
+    settings: RenderingParameters,
+    seed: int,
+    workers: int,
+) -> None:
+    """Render a capture into ``folder``, as a whole.
+
+    Raises:
+        UserError: see :func:`placed_solids`, or the folder cannot be written to.
+    """
+    solids = placed_solids(objects, settings)
+    poses = camera_poses(settings.views, settings.distance, item_generator(seed, "capture", "path", 0))
+    with whole_folder(folder) as temporary:
+        (temporary / "images").mkdir()
+        (temporary / "gt").mkdir()
+        shots = [
+            _Shot(tuple(solids.values()), settings, seed, name, view, pose, temporary / "images" / photo_name(view))
+            for view, pose in enumerate(poses)
+        ]
+        fan_out(_take, shots, workers, f"photos of {name}")
+        (temporary / "tags.yaml").write_text(_tags_text(settings))
+        (temporary / "scene.yaml").write_text(_scene_text(solids, settings))
+        centres = {Path(photo_name(view)).stem: (-T[:3, :3].T @ T[:3, 3]).tolist() for view, T in enumerate(poses)}
+        write_json(temporary / "gt/cameras.json", {"rendered": True, "centres": centres})
+        for object_name, solid in solids.items():
+            _write_surface(temporary / "gt" / f"{object_name}.ply", solid)

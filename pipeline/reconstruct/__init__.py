@@ -1,0 +1,1 @@
+"""From a folder of photos to metric surfaces of the objects in them."""

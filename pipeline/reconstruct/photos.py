@@ -1,0 +1,72 @@
+"""The photos of a capture as pixels, upright."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.records.captures import Capture
+from pipeline.records.errors import UserError
+
+SMALLEST_SIDE = 64  # pixels
+
+
+@dataclass(frozen=True)
+class Photo:
+    """One photo, EXIF orientation applied."""
+
+    name: str  # stem of the file
+    grey: NDArray[np.uint8]  # (height, width)
+    usable: NDArray[np.bool_] | None  # (height, width), from masks/; None: everything
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, pixels."""
+        return self.grey.shape[1], self.grey.shape[0]
+
+
+def read_grey(path: Path) -> NDArray[np.uint8]:
+    """Return the pixels (h, w) of a photo, turned as its EXIF data say.
+
+    Raises:
+        UserError: the file is no readable picture, or a very small one.
+    """
+    from PIL import Image, ImageOps, UnidentifiedImageError
+
+    try:
+        with Image.open(path) as picture:
+            grey = np.asarray(ImageOps.exif_transpose(picture).convert("L"))
+    except UnidentifiedImageError as error:
+        raise UserError(
+            f"{path} is no JPEG or PNG picture whatever its name says (HEIC, perhaps); convert it to JPEG or remove it."
+        ) from error
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise UserError(f"{path} is damaged ({error}); copy it from the camera again, or remove it.") from error
+    if min(grey.shape) < SMALLEST_SIDE:
+        raise UserError(f"{path} has only {grey.shape[1]} x {grey.shape[0]} pixels; use the photo itself, no preview.")
+    return grey
+
+
+def read_photos(capture: Capture, images: Sequence[Path] | None = None) -> list[Photo]:
+    """Read the photos of a capture in the order of their names.
+
+    Raises:
+        UserError: a photo or mask is damaged, or there are fewer than three photos.
+    """
+    photos = []
+    for path in capture.images if images is None else images:
+        grey = read_grey(path)
+        mask = capture.beside("masks", path)
+        usable = None
+        if mask is not None:
+            usable = read_grey(mask) > 127
+            if usable.shape != grey.shape:
+                raise UserError(f"{mask} has another size than its photo; make it {grey.shape[1]} x {grey.shape[0]}.")
+        photos.append(Photo(path.stem, grey, usable))
+    if len(photos) < 3:
+        raise UserError(f"{capture.folder}/images has {len(photos)} photos; take at least 12 all around the objects.")
+    return photos

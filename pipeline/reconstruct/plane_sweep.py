@@ -1,0 +1,268 @@
+"""Depth maps by correlation: a sweep of planes through a box, then a sweep along the surface that was found.
+
+For every pixel, windows of other photos are compared with its own window as they would look if the surface lay at a
+tried depth; the depth at which they correlate best is kept. In the first sweep all windows face the camera; in the
+second they follow the surface of the first, so that slanted sides are matched without bias.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.reconstruct.views import View
+from pipeline.records.parameters.reconstruct import SweepParameters
+
+LEAST_CONTRAST = 0.008  # standard deviation of a window's brightness (0 to 1) that can be told from noise
+SECOND_REACH = 0.004  # m, that the second sweep looks to both sides of the first surface
+SECOND_STEPS = 25
+LEAST_TELLING, LIKENESS_PERCENTILE = 60, 80
+SECOND_ANGLE = 75.0  # degrees between ray and normal beyond which a surface is seen too flatly
+
+
+@dataclass(frozen=True)
+class Window:
+    """A rectangle of a photo's pixels."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+    def centres(self) -> NDArray[np.float64]:
+        """Return pixel positions (h * w, 2), centres at .5."""
+        x, y = np.meshgrid(self.left + np.arange(self.width) + 0.5, self.top + np.arange(self.height) + 0.5)
+        return np.stack([x, y], axis=-1).reshape(-1, 2)
+
+
+@dataclass(frozen=True)
+class DepthMap:
+    """Depths of the pixels of one window of one view."""
+
+    view: int
+    window: Window
+    depth: NDArray[np.float32]  # (h, w), m along the optical axis; 0 where unknown
+    score: NDArray[np.float32]  # (h, w), correlation, -1 to 1
+    likeness: tuple[float, ...] = ()  # per other view, how well it shows the same where a known surface was followed
+
+
+def box_corners(
+    T_scene_box: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the corners (8, 3) of a box in the scene frame."""
+    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    return np.asarray(corners @ T_scene_box[:3, :3].T + T_scene_box[:3, 3])
+
+
+def window_of(view: View, corners: NDArray[np.float64], padding: int) -> tuple[Window, float, float] | None:
+    """Return the rectangle that shows ``corners`` (8, 3), and their nearest and farthest depth; None if out of view."""
+    pixels, depth = view.project(corners)
+    if depth.min() <= 0.02:
+        return None
+    height, width = view.image.shape
+    left, top = np.floor(pixels.min(axis=0)).astype(int) - padding
+    right, bottom = np.ceil(pixels.max(axis=0)).astype(int) + padding
+    whole = (right - left) * (bottom - top)
+    left, top, right, bottom = max(left, 0), max(top, 0), min(right, width), min(bottom, height)
+    if right - left < 8 or bottom - top < 8 or (right - left) * (bottom - top) < 0.3 * whole:
+        return None
+    return Window(left, top, right - left, bottom - top), float(depth.min()), float(depth.max())
+
+
+def neighbours(
+    views: Sequence[View], view: int, middle: NDArray[np.float64], visible: Sequence[int], settings: SweepParameters
+) -> list[int]:
+    """Return the views whose angle to ``view``, seen from ``middle`` (3,), is nearest to the baseline looked for."""
+    own = views[view].centre - middle
+    angles = {}
+    for other in visible:
+        if other != view:
+            its = views[other].centre - middle
+            cosine = own @ its / np.linalg.norm(own) / np.linalg.norm(its)
+            angles[other] = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+    useful = [other for other, angle in angles.items() if 3.0 < angle < 50.0]
+    return sorted(useful, key=lambda other: abs(angles[other] - settings.baseline_degrees))[: settings.neighbours]
+
+
+class _Reference:
+    """The window of the photo whose depths are looked for, with its moments."""
+
+    def __init__(self, image: NDArray[np.float32], size: int) -> None:
+        import cv2
+
+        self.size, self.image = (size, size), image
+        self.mean = cv2.boxFilter(image, cv2.CV_32F, self.size)
+        self.variance = np.maximum(cv2.boxFilter(image * image, cv2.CV_32F, self.size) - self.mean**2, 0)
+
+    def correlation(self, warped: NDArray[Any]) -> NDArray[np.float32]:
+        """Return the normalised cross-correlation (h, w) with a warped photo; -1 where it shows nothing (NaN)."""
+        import cv2
+
+        outside = np.isnan(warped)
+        any_outside = bool(outside.any())
+        if any_outside:
+            warped = np.where(outside, np.float32(0), warped)
+        mean = cv2.boxFilter(warped, cv2.CV_32F, self.size)
+        variance = cv2.boxFilter(warped * warped, cv2.CV_32F, self.size) - mean * mean
+        product = cv2.boxFilter(warped * self.image, cv2.CV_32F, self.size) - mean * self.mean
+        score = product / np.sqrt(np.maximum(variance * self.variance, np.float32(1e-10)))
+        if any_outside:
+            score[cv2.boxFilter(outside.astype(np.float32), cv2.CV_32F, self.size) > 0] = -1
+        return np.asarray(score, np.float32)
+
+
+def _best_half(scores: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the mean (h, w) of the better half of ``scores`` (n, h, w): a neighbour that is covered must not count."""
+    count = (len(scores) + 1) // 2
+    if count < len(scores):
+        scores = np.partition(scores, len(scores) - count, axis=0)[len(scores) - count :]
+    return np.asarray(scores.mean(axis=0), np.float32)
+
+
+def _peak(volume: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the position (h, w), in planes and fractions, of the best score in ``volume`` (planes, h, w), and it."""
+    best = volume.argmax(axis=0)
+    inside = np.clip(best, 1, len(volume) - 2)
+    before, at, after = (np.take_along_axis(volume, (inside + k)[None], axis=0)[0] for k in (-1, 0, 1))
+    curve = before - 2 * at + after
+    shift = np.where(curve < -1e-6, 0.5 * (before - after) / np.where(curve < -1e-6, curve, -1), 0)
+    shift = np.where(best == inside, np.clip(shift, -0.5, 0.5), 0)
+    return (best + shift).astype(np.float32), np.take_along_axis(volume, best[None], axis=0)[0]
+
+
+def _kept(
+    view: View, window: Window, reference: _Reference, score: NDArray[np.float32], least: float
+) -> NDArray[np.bool_]:
+    """Return where (h, w) a depth can be believed: it correlates, and the window shows something."""
+    good = (score >= least) & (reference.variance > LEAST_CONTRAST**2)
+    if view.usable is not None:
+        good &= view.usable[window.top : window.top + window.height, window.left : window.left + window.width]
+    return np.asarray(good)
+
+
+def sweep(
+    views: Sequence[View],
+    view: int,
+    others: Sequence[int],
+    window: Window,
+    nearest: float,
+    farthest: float,
+    settings: SweepParameters,
+) -> DepthMap:
+    """Return the depths of one window, from planes that face the camera.
+
+    Args:
+        others: indices of the views it is compared with, at least one.
+        nearest: smallest depth tried, m; ``farthest`` the largest. Planes are spaced evenly in inverse depth.
+    """
+    import cv2
+
+    own = views[view]
+    image = np.ascontiguousarray(
+        own.image[window.top : window.top + window.height, window.left : window.left + window.width]
+    )
+    reference = _Reference(image, settings.window)
+    inverse = np.linspace(1 / nearest, 1 / farthest, settings.planes)
+    # Pixels with centres at .5 <-> OpenCV's indices within the window.
+    from_window = np.array([[1, 0, window.left + 0.5], [0, 1, window.top + 0.5], [0, 0, 1.0]])
+    to_index = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])
+    volume = np.empty((settings.planes, window.height, window.width), np.float32)
+    fixed = []
+    for other in others:
+        relative = views[other].T_camera_scene @ np.linalg.inv(own.T_camera_scene)
+        infinite = to_index @ views[other].K @ relative[:3, :3] @ np.linalg.inv(own.K) @ from_window
+        fixed.append((views[other].image, infinite, to_index @ views[other].K @ relative[:3, 3]))
+    scores = np.empty((len(others), window.height, window.width), np.float32)
+    for plane, inverse_depth in enumerate(inverse):
+        for index, (source, infinite, epipole) in enumerate(fixed):
+            homography = infinite.copy()
+            homography[:, 2] += inverse_depth * epipole  # the plane z = depth: n^T x / d = inverse depth
+            warped = cv2.warpPerspective(
+                source,
+                homography,
+                (window.width, window.height),
+                flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+                borderMode=cv2.BORDER_CONSTANT,
+                borderValue=float("nan"),
+            )
+            scores[index] = reference.correlation(warped)
+        volume[plane] = cv2.boxFilter(_best_half(scores), cv2.CV_32F, (3, 3))
+    position, score = _peak(volume)
+    depth = 1 / np.interp(position, np.arange(settings.planes), inverse)
+    ends = (position < 0.5) | (position > settings.planes - 1.5)
+    good = _kept(own, window, reference, score, settings.least_correlation) & ~ends
+    return DepthMap(view, window, np.where(good, depth, 0).astype(np.float32), score)
+
+
+def follow(
+    views: Sequence[View],
+    view: int,
+    others: Sequence[int],
+    window: Window,
+    base: NDArray[np.float32],
+    visible: NDArray[np.bool_],
+    settings: SweepParameters,
+    reach: float = SECOND_REACH,
+) -> DepthMap:
+    """Return the depths of one window, looked for on surfaces parallel to a known one.
+
+    Args:
+        base: (h, w) depths of the known surface, m; 0 where it is not seen or seen too flatly.
+        visible: (others, h, w) where the other views see that surface too, by what is known so far.
+        reach: how far to both sides depths are tried, m.
+    """
+    import cv2
+    from scipy.ndimage import distance_transform_edt
+
+    own = views[view]
+    image = np.ascontiguousarray(
+        own.image[window.top : window.top + window.height, window.left : window.left + window.width]
+    )
+    reference = _Reference(image, settings.window)
+    rays = np.concatenate([window.centres(), np.ones((window.width * window.height, 1))], axis=1)
+    rays = rays @ np.linalg.inv(own.K).T
+    seen = base > 0
+    if not seen.any():
+        empty = np.zeros(base.shape, np.float32)
+        return DepthMap(view, window, empty, empty)
+    telling = seen & (reference.variance > LEAST_CONTRAST**2)
+    likeness: list[float] = []
+    # Windows reach beyond the surface's outline and over what is seen too flatly: it goes on there as at its edge.
+    nearest = distance_transform_edt(~seen, return_distances=False, return_indices=True)
+    extended = base[tuple(nearest)]
+    offsets = np.linspace(-reach, reach, SECOND_STEPS)
+    volume = np.empty((SECOND_STEPS, window.height, window.width), np.float32)
+    scores = np.empty((len(others), window.height, window.width), np.float32)
+    directions, starts = [], []
+    for other in others:
+        relative = views[other].T_camera_scene @ np.linalg.inv(own.T_camera_scene)
+        directions.append((rays @ (views[other].K @ relative[:3, :3]).T).astype(np.float32))
+        starts.append((views[other].K @ relative[:3, 3]).astype(np.float32))
+    for step, offset in enumerate(offsets):
+        depth = extended.reshape(-1, 1) + np.float32(offset)
+        for index, other in enumerate(others):
+            pixels = directions[index] * depth + starts[index]
+            place = (pixels[:, :2] / pixels[:, 2:] - np.float32(0.5)).reshape(window.height, window.width, 2)
+            warped = cv2.remap(
+                views[other].image,
+                np.ascontiguousarray(place[..., 0]),
+                np.ascontiguousarray(place[..., 1]),
+                cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_CONSTANT,
+                borderValue=float("nan"),
+            )
+            scores[index] = reference.correlation(warped)
+            both = telling & visible[index]
+            if step == SECOND_STEPS // 2 and both.sum() >= LEAST_TELLING:
+                # The better part of the windows: the rest may still be covered by something else.
+                likeness.append(float(np.percentile(scores[index][both], LIKENESS_PERCENTILE)))
+        volume[step] = cv2.boxFilter(_best_half(scores), cv2.CV_32F, (3, 3))
+    position, score = _peak(volume)
+    depth = base + np.interp(position, np.arange(SECOND_STEPS), offsets).astype(np.float32)
+    ends = (position < 0.5) | (position > SECOND_STEPS - 1.5)
+    good = _kept(own, window, reference, score, settings.least_correlation) & ~ends & seen
+    return DepthMap(view, window, np.where(good, depth, 0).astype(np.float32), score, tuple(likeness))

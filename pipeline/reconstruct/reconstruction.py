@@ -1,0 +1,178 @@
+"""The whole way from a capture to metric objects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.compute.fan_out import worker_count
+from pipeline.reconstruct.accuracy import Accuracy, compare
+from pipeline.reconstruct.alignment import Alignment, align
+from pipeline.reconstruct.dense import DenseObject, dense_objects
+from pipeline.reconstruct.photos import read_photos
+from pipeline.reconstruct.sparse import SparseModel, sparse_model
+from pipeline.reconstruct.surface import Surface, samples_of
+from pipeline.reconstruct.tags import detect_tags, locate_corners
+from pipeline.reconstruct.views import View, undistort_all, undistorted_normals
+from pipeline.records.captures import Capture, SceneObject, Truth
+from pipeline.records.errors import UserError
+from pipeline.records.parameters.reconstruct import ReconstructParameters
+from pipeline.records.reconstructions import ReconstructedObject
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """What was found, and how well it fits."""
+
+    objects: dict[str, ReconstructedObject]
+    dense: dict[str, DenseObject]
+    views: tuple[View, ...]
+    sparse: SparseModel
+    alignment: Alignment
+    normal_prior: bool
+
+
+def in_object_frame(name: str, item: SceneObject, found: DenseObject, count: int, seed: int) -> ReconstructedObject:
+    """Return the surface and its samples with the centre of mass as origin, turned as the placement says."""
+    import trimesh
+
+    surface = found.surface
+    samples = samples_of(surface, found.points.positions, count, seed)
+    mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
+    T = item.matrix(0.0)
+    T[:3, 3] = mesh.center_mass
+    R = T[:3, :3]
+    return ReconstructedObject(
+        name=name,
+        # float32, as files hold no more.
+        vertices=((surface.vertices - T[:3, 3]) @ R).astype(np.float32).astype(np.float64),
+        faces=surface.faces,
+        points=(samples.points - T[:3, 3]) @ R,
+        normals=samples.normals @ R,
+        seen=samples.seen,
+        T_scene_object=T,
+        volume=float(mesh.volume),
+    )
+
+
+def reconstruct(capture: Capture, settings: ReconstructParameters, seed: int, workers: int) -> Reconstruction:
+    """Return the objects of a capture, metric.
+
+    Raises:
+        UserError: the photos, the tags or an object do not allow it; the text says which and what to do.
+    """
+    photos = read_photos(capture)
+    sightings = {photo.name: detect_tags(photo, capture.tags) for photo in photos}
+    if not any(sightings.values()):
+        raise UserError(
+            f"no photo shows a tag of {capture.folder / 'tags.yaml'}; correct the family and numbers there, or take "
+            "photos with the tags in view."
+        )
+    sparse = sparse_model(photos, capture.intrinsics, settings.sparse, seed, worker_count(workers))
+    located = locate_corners(sparse.views, sightings, settings.alignment)
+    alignment = align(located, capture.tags, settings.alignment)
+    views = undistort_all(sparse.views, alignment.similarity)
+    dense = dense_objects(views, capture.scene, settings.sweep, settings.surface, workers)
+    priors = {}
+    if settings.method == "2dgs":
+        from pipeline.reconstruct.splatting import read_normals, splatted_objects
+
+        files = {view.photo.name: capture.beside("normals", Path(view.photo.name)) for view in sparse.views}
+        priors = {
+            view.photo.name: undistorted_normals(view, read_normals(path))
+            for view in sparse.views
+            if (path := files[view.photo.name]) is not None
+        }
+        dense = splatted_objects(views, dense, priors, capture.scene, settings, seed, workers)
+    objects = {
+        name: in_object_frame(name, capture.scene.objects[name], found, settings.surface.points, seed)
+        for name, found in dense.items()
+    }
+    return Reconstruction(objects, dense, tuple(views), sparse, alignment, bool(priors))
+
+
+def cameras_of(views: Sequence[View]) -> dict[str, Any]:
+    """Return the cameras as they are stored."""
+    return {
+        view.name: {
+            "width": view.image.shape[1],
+            "height": view.image.shape[0],
+            "K": view.K.tolist(),
+            "T_camera_scene": view.T_camera_scene.tolist(),
+        }
+        for view in views
+    }
+
+
+def accuracies(dense: dict[str, DenseObject], truth: Truth) -> dict[str, Accuracy]:
+    """Return how far each object whose true surface is known is from it.
+
+    Raises:
+        UserError: a true surface cannot be read.
+    """
+    import trimesh
+
+    found = {}
+    for name, path in truth.surfaces.items():
+        if name in dense:
+            try:
+                mesh = trimesh.load_mesh(path, process=False)
+                true = Surface(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64))
+            except (ValueError, OSError, AttributeError, IndexError) as error:
+                raise UserError(f"{path} is no readable mesh ({error}); mend or remove it.") from error
+            found[name] = compare(dense[name].surface, true)
+    return found
+
+
+def metrics_of(result: Reconstruction, method: str, truth: Truth | None) -> dict[str, Any]:
+    """Return the figures of ``metrics.json``; lengths in mm, as people say them."""
+    metrics: dict[str, Any] = {
+        "method": method,
+        "normal_prior": "folder" if result.normal_prior else "none",
+        "kind": "rendered" if truth is not None and truth.rendered else "photos",
+        "photos": result.sparse.photos,
+        "registered": len(result.views),
+        "registered_ratio": len(result.views) / result.sparse.photos,
+        "sparse_points": len(result.sparse.points),
+        "reprojection_px": result.sparse.reprojection,
+        "tags_located": len(result.alignment.tags),
+        "corners_used": result.alignment.corners_used,
+        "alignment_mm": 1000 * result.alignment.residual,
+        "alignment_mm_max": 1000 * result.alignment.largest_residual,
+        "objects": {},
+    }
+    for name, item in result.objects.items():
+        metrics["objects"][name] = {
+            "points": len(result.dense[name].points.positions),
+            "seen_through": result.dense[name].points.seen_through,
+            "seen_share": float(item.seen.mean()),
+            "volume_cm3": 1e6 * item.volume,
+        }
+    if truth is None:
+        return metrics
+    centres = [
+        np.linalg.norm(view.centre - truth.camera_centres[view.name])
+        for view in result.views
+        if view.name in truth.camera_centres
+    ]
+    if centres:
+        metrics["camera_mm_mean"], metrics["camera_mm_max"] = (
+            1000 * float(np.mean(centres)),
+            1000 * float(np.max(centres)),
+        )
+    found = accuracies(result.dense, truth)
+    for name, accuracy in found.items():
+        metrics["objects"][name].update(
+            chamfer_mm=1000 * accuracy.chamfer,
+            accuracy_mm=1000 * accuracy.accuracy,
+            completeness_mm=1000 * accuracy.completeness,
+            completeness_mm_p95=1000 * accuracy.completeness_p95,
+            f_score_2mm=accuracy.f_score,
+        )
+    if found:
+        metrics["chamfer_mm_max"] = 1000 * max(accuracy.chamfer for accuracy in found.values())
+    return metrics

@@ -1,0 +1,214 @@
+"""Closed surfaces from points: screened Poisson, cut off at the support, and samples of the result."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.reconstruct.fusion import Points
+from pipeline.records.captures import Scene
+from pipeline.records.errors import UserError
+from pipeline.records.parameters.reconstruct import SurfaceParameters
+
+NORMAL_NEIGHBOURS = 40
+OUTLIER_NEIGHBOURS, OUTLIER_SPREAD = 20, 2.5
+SUPPORT_BAND, SUPPORT_SHARE = 0.008, 0.25  # m, and share of an object's height: level points below are the support's
+SUPPORT_COSINE = 0.8
+LOW_BAND = 0.008  # m: so much of the lowest that was measured tells where the object meets the support
+# m over the support: an object that was measured down to the first goes straight on, above the second it is round.
+STRAIGHT_DOWN, ROUND_BELOW = 0.004, 0.010
+SECTORS = 48
+SIMPLIFIED = 0.00003  # m: edges shorter than that, and what is flat to that, take fewer triangles
+SEEN = 0.003  # m: farther from all measured points the surface is a guess
+CANDIDATES_PER_SAMPLE = 10
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A closed surface in the scene frame."""
+
+    vertices: NDArray[np.float64]  # (V, 3), m
+    faces: NDArray[np.int64]  # (F, 3), counter-clockwise from outside
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Farthest-point samples of a surface."""
+
+    points: NDArray[np.float64]  # (n, 3), scene frame
+    normals: NDArray[np.float64]  # (n, 3), outward
+    seen: NDArray[np.bool_]  # (n,) measured nearby; False: underside, or closed by a guess
+
+
+def belongs_to(positions: NDArray[np.float64], scene: Scene, settings: SurfaceParameters) -> NDArray[np.int64]:
+    """Return per point (n,) the number of the object in whose box it lies, -1 for none.
+
+    A point within the margins of several boxes belongs to the nearest, so that objects may touch.
+    """
+    best, owner = np.full(len(positions), settings.margin), np.full(len(positions), -1, np.int64)
+    for number, item in enumerate(scene.objects.values()):
+        T = item.matrix(scene.support_plane)
+        local = (positions - T[:3, 3]) @ T[:3, :3]
+        half = np.array([item.box[0] / 2, item.box[1] / 2])
+        outside = np.concatenate([np.abs(local[:, :2]) - half, local[:, 2:] - item.box[2]], axis=1)
+        distance = np.where(
+            (outside > 0).any(axis=1), np.linalg.norm(np.maximum(outside, 0), axis=1), outside.max(axis=1)
+        )
+        inside = (distance < best) & (local[:, 2] > settings.clearance)
+        best[inside], owner[inside] = distance[inside], number
+    return owner
+
+
+def oriented(points: Points) -> Any:
+    """Return an Open3D cloud without lone points, its normals turned to the cameras."""
+    import open3d
+
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points.positions))
+    cloud.normals = open3d.utility.Vector3dVector(points.towards)
+    _, kept = cloud.remove_statistical_outlier(OUTLIER_NEIGHBOURS, OUTLIER_SPREAD)
+    cloud = cloud.select_by_index(kept)
+    towards = points.towards[np.asarray(kept, np.int64)]
+    cloud.estimate_normals(open3d.geometry.KDTreeSearchParamKNN(NORMAL_NEIGHBOURS), fast_normal_computation=False)
+    normals = np.asarray(cloud.normals)
+    cloud.normals = open3d.utility.Vector3dVector(
+        normals * np.where((normals * towards).sum(axis=1) < 0, -1, 1)[:, None]
+    )
+    return cloud
+
+
+def assumed_base(
+    positions: NDArray[np.float64], normals: NDArray[np.float64], support: float, spacing: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return points (n, 3) and normals (n, 3) of the part that no photo shows: down to the support, and the base.
+
+    Poisson's surface stays open where nothing was measured, so something must be assumed. In each direction from the
+    middle, the surface goes on from the lowest measured points along its tangent. Where they reach nearly to the
+    support it goes straight down; where they end high above it, the underside is taken to be round: an arc (a parabola
+    with the two tangents of the circle) from that tangent into the support. Below lies a flat base.
+    """
+    height = positions[:, 2] - support
+    lower = height < np.percentile(height, 50)
+    p, n, h = positions[lower], normals[lower], height[lower]
+    middle = (p[:, :2].min(axis=0) + p[:, :2].max(axis=0)) / 2
+    angle = np.arctan2(p[:, 1] - middle[1], p[:, 0] - middle[0])
+    sector = np.floor((angle + np.pi) / (2 * np.pi) * SECTORS).astype(np.int64) % SECTORS
+    known = []  # per direction that was measured: angle, lowest height, radius there, at the tangent's foot, at the end
+    for k in range(SECTORS):
+        own = np.flatnonzero(sector == k)
+        if len(own) < 5:
+            continue
+        gap = float(np.percentile(h[own], 3))
+        own = own[h[own] < gap + LOW_BAND]
+        level = np.maximum(np.linalg.norm(n[own, :2], axis=1), 1e-3)
+        # Along the steepest tangent, hardly outwards whatever a noisy normal says.
+        slope = np.clip(n[own, 2] / level, -1, 0.3)
+        start = float(np.median(np.linalg.norm(p[own, :2] - middle, axis=1) + slope * (h[own] - gap)))
+        foot = max(start + float(np.median(slope)) * gap, 0.0)
+        roundness = np.clip((gap - STRAIGHT_DOWN) / (ROUND_BELOW - STRAIGHT_DOWN), 0, 1)
+        end = max(foot - roundness * float(np.hypot(gap, start - foot)), 0.0)
+        known.append(((k + 0.5) / SECTORS * 2 * np.pi - np.pi, gap, start, foot, end))
+    if not known:
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    directions, gaps, starts, feet, ends = np.array(known).T
+
+    def around(values: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(np.interp(angles, directions, values, period=2 * np.pi))
+
+    angles = np.arange(-np.pi, np.pi, spacing / max(float(starts.max()), spacing))
+    steps = max(int(np.ceil(1.5 * float((gaps + starts - ends).max()) / spacing)), 2)
+    t = np.linspace(0, 1, steps, endpoint=False)[:, None]  # 0: where measured points end, 1: on the support
+    gap_there, start_there, foot_there, end_there = (around(values, angles) for values in (gaps, starts, feet, ends))
+    radius = (1 - t) ** 2 * start_there + 2 * t * (1 - t) * foot_there + t**2 * end_there
+    wall = np.stack(
+        [middle[0] + radius * np.cos(angles), middle[1] + radius * np.sin(angles), support + gap_there * (1 - t) ** 2],
+        axis=-1,
+    )
+    out = gap_there * (1 - t)
+    down = (1 - t) * (start_there - foot_there) + t * (foot_there - end_there)
+    wall_normals = np.stack([out * np.cos(angles), out * np.sin(angles), -down], axis=-1)
+    wall_normals /= np.maximum(np.linalg.norm(wall_normals, axis=-1, keepdims=True), 1e-12)
+    # The base lies a little below the support, where the surface is cut off, so that the cut is flat.
+    largest = float(ends.max())
+    axis = np.arange(-largest, largest + spacing, spacing)
+    grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    inside = grid[np.linalg.norm(grid, axis=1) <= around(ends, np.arctan2(grid[:, 1], grid[:, 0]))] + middle
+    base = np.column_stack([inside, np.full(len(inside), support - 2 * spacing)])
+    base_normals = np.broadcast_to(np.array([0.0, 0.0, -1.0]), base.shape)
+    return np.concatenate([wall.reshape(-1, 3), base]), np.concatenate([wall_normals.reshape(-1, 3), base_normals])
+
+
+def _solid(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Any:
+    import manifold3d
+
+    return manifold3d.Manifold(
+        manifold3d.Mesh64(np.ascontiguousarray(vertices), np.ascontiguousarray(faces, np.uint64))
+    )
+
+
+def closed_at_support(vertices: NDArray[np.float64], faces: NDArray[np.int64], support: float, name: str) -> Surface:
+    """Return the largest closed part of a surface above the plane z = support, closed by that plane.
+
+    Raises:
+        UserError: nothing closed is left.
+    """
+    solid = _solid(vertices, faces).trim_by_plane((0.0, 0.0, 1.0), support)
+    parts = [part for part in solid.decompose() if part.volume() > 0]
+    if not parts:
+        raise UserError(
+            f"{name}: its points enclose no volume; take more photos of it, from all sides, or give it some texture."
+        )
+    mesh = max(parts, key=lambda part: part.volume()).simplify(SIMPLIFIED).to_mesh64()
+    return Surface(np.asarray(mesh.vert_properties, np.float64)[:, :3], np.asarray(mesh.tri_verts, np.int64))
+
+
+def poisson_surface(points: Points, support: float, spacing: float, settings: SurfaceParameters, name: str) -> Surface:
+    """Return the closed surface through the points of one object.
+
+    Args:
+        support: z of the plane on which it stands, m.
+        spacing: of the points, m.
+
+    Raises:
+        UserError: see :func:`closed_at_support`, or there are too few points.
+    """
+    import open3d
+
+    if len(points.positions) < settings.least_points:
+        raise UserError(
+            f"{name}: only {len(points.positions)} surface points were measured in its box; correct its position and "
+            "box in scene.yaml, or give it some texture (stickers, powder) and take sharper photos."
+        )
+    cloud = oriented(points)
+    positions, normals = np.asarray(cloud.points), np.asarray(cloud.normals)
+    height = positions[:, 2] - support
+    band = min(SUPPORT_BAND, SUPPORT_SHARE * float(np.percentile(height, 99)))
+    own = (height > band) | (normals[:, 2] < SUPPORT_COSINE)
+    positions, normals = positions[own], normals[own]
+    assumed, directions = assumed_base(positions, normals, support, spacing)
+    cloud.points = open3d.utility.Vector3dVector(np.concatenate([positions, assumed]))
+    cloud.normals = open3d.utility.Vector3dVector(np.concatenate([normals, directions]))
+    mesh, _ = open3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
+        cloud, depth=settings.poisson_depth, scale=1.3, n_threads=1
+    )
+    mesh.remove_duplicated_vertices()
+    mesh.remove_degenerate_triangles()
+    mesh.remove_unreferenced_vertices()
+    return closed_at_support(np.asarray(mesh.vertices), np.asarray(mesh.triangles, np.int64), support, name)
+
+
+def samples_of(surface: Surface, measured: NDArray[np.float64], count: int, seed: int) -> Samples:
+    """Return farthest-point samples of a surface; ``measured`` (n, 3) are the points it was made from."""
+    import open3d
+    import trimesh
+    from scipy.spatial import cKDTree
+
+    mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
+    candidates, face = trimesh.sample.sample_surface(mesh, count * CANDIDATES_PER_SAMPLE, seed=seed)
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(np.asarray(candidates)))
+    cloud.normals = open3d.utility.Vector3dVector(mesh.face_normals[face])
+    spread = cloud.farthest_point_down_sample(count)
+    points, normals = np.asarray(spread.points), np.asarray(spread.normals)
+    return Samples(points, normals, cKDTree(measured).query(points)[0] < SEEN)

@@ -1,0 +1,231 @@
+"""A capture: a folder of photos of objects on a support, with AprilTags in view (docs/capture.md).
+
+Layout::
+
+    images/            photos, JPEG or PNG, any sizes; EXIF orientation is honoured
+    tags.yaml          family, size and convention of the tags, and where each lies
+    scene.yaml         the support plane, and per object where it stands and the box that encloses it
+    intrinsics.yaml    optional: a calibrated camera; estimated from the photos when absent
+    masks/             optional: <image stem>.png, white where the photo may be used
+    normals/           optional: <image stem>.npy or .png, unit normals in the camera frame (x right, y down, z forward)
+    gt/                optional: <object>.ply, the true surface in the scene frame, and cameras.json: only for measuring
+
+The scene frame is the one in which ``tags.yaml`` and ``scene.yaml`` give positions: metres, z up.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from pipeline.records.errors import UserError
+from pipeline.records.poses import pose_matrix
+
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
+TAG_FAMILIES = {"tag36h11": 587, "tag25h9": 35, "tag16h5": 30}  # how many tags each family has
+
+
+class _Strict(BaseModel):
+    """A part of a YAML file: unknown keys are refused, values are read-only."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class TagPose(_Strict):
+    """Where one tag lies: its centre, and either a yaw (tag flat, facing up) or a full orientation."""
+
+    position: tuple[float, float, float]  # m, centre of the tag in the scene frame
+    yaw_degrees: float = 0.0  # counter-clockwise seen from above; 0: the tag's right is +x and its top is +y
+    quaternion: tuple[float, float, float, float] | None = None  # wxyz instead of the yaw; tag frame x right, y up
+
+    def matrix(self) -> NDArray[np.float64]:
+        """Return ``T_scene_tag`` (4, 4): tag frame x to the right of the upright print, y to its top, z out of it."""
+        half = np.radians(self.yaw_degrees) / 2
+        return pose_matrix(self.position, self.quaternion or (np.cos(half), 0.0, 0.0, np.sin(half)))
+
+
+class TagLayout(_Strict):
+    """``tags.yaml``."""
+
+    family: Literal["tag36h11", "tag25h9", "tag16h5"]
+    size: float = Field(gt=0.002, le=1.0)  # m, edge of the black square
+    # Which way up the printed tags are: as OpenCV draws them, or as the AprilTag project's image files (turned by 180
+    # degrees). `./dev capture print-tags` draws opencv.
+    convention: Literal["opencv", "apriltag"]
+    tags: dict[int, TagPose] = Field(min_length=1)
+
+    def corners(self) -> dict[int, NDArray[np.float64]]:
+        """Return per tag its corners (4, 3) in the scene frame, in the order of OpenCV's detector.
+
+        The order is top left, top right, bottom right, bottom left of the tag as OpenCV draws it.
+        """
+        square = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]], np.float64) * self.size / 2
+        if self.convention == "apriltag":
+            square = np.roll(square, 2, axis=0)
+        found = {}
+        for number, pose in self.tags.items():
+            T = pose.matrix()
+            found[number] = square @ T[:3, :3].T + T[:3, 3]
+        return found
+
+
+class SceneObject(_Strict):
+    """Where one object stands, roughly, and how large it is at most."""
+
+    position: tuple[float, float]  # m, middle of the object on the support plane
+    yaw_degrees: float = 0.0  # turns the object's canonical frame, and the box, about z
+    box: tuple[float, float, float]  # m, extents of the object along its own axes
+
+    def matrix(self, support: float) -> NDArray[np.float64]:
+        """Return (4, 4) the pose of the object's box: origin in the middle of its base, on the plane z = support."""
+        half = np.radians(self.yaw_degrees) / 2
+        return pose_matrix((*self.position, support), (np.cos(half), 0.0, 0.0, np.sin(half)))
+
+
+class Scene(_Strict):
+    """``scene.yaml``."""
+
+    support_plane: float = 0.0  # m, z on which the objects stand
+    objects: dict[str, SceneObject] = Field(min_length=1)
+
+
+class Intrinsics(_Strict):
+    """``intrinsics.yaml``: a calibrated camera in COLMAP's terms (pixel centres at .5)."""
+
+    model: Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"]
+    width: int = Field(ge=16)  # pixels, after EXIF orientation
+    height: int = Field(ge=16)
+    parameters: list[float] = Field(min_length=3, max_length=8)
+
+
+@dataclass(frozen=True)
+class Capture:
+    """A capture folder whose texts were read and checked; photos are named but not opened."""
+
+    folder: Path
+    images: tuple[Path, ...]  # in the order of their names
+    tags: TagLayout
+    scene: Scene
+    intrinsics: Intrinsics | None
+
+    def beside(self, kind: Literal["masks", "normals"], image: Path) -> Path | None:
+        """Return the file of ``masks/`` or ``normals/`` that belongs to an image, None without one."""
+        for suffix in (".npy", ".png"):
+            path = self.folder / kind / f"{image.stem}{suffix}"
+            if path.exists():
+                return path
+        return None
+
+
+Model = TypeVar("Model", bound=_Strict)
+
+
+def _read_yaml(path: Path, model: type[Model]) -> Model:
+    try:
+        content: Any = yaml.safe_load(path.read_text())
+    except FileNotFoundError as error:
+        raise UserError(f"{path} is missing; docs/capture.md shows what it holds.") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise UserError(f"{path} is not valid YAML: {' '.join(str(error).split())}; correct it there.") from error
+    if not isinstance(content, dict):
+        raise UserError(f"{path} is empty or no mapping; docs/capture.md shows what it holds.")
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        text = "unknown key (misspelt?)" if first["type"] == "extra_forbidden" else first["msg"]
+        raise UserError(f"{path}: {where}: {text}; docs/capture.md shows what it holds.") from error
+
+
+def _images(folder: Path) -> tuple[Path, ...]:
+    if not (folder / "images").is_dir():
+        raise UserError(f"{folder} has no folder images/; put the photos there.")
+    present = sorted(path for path in (folder / "images").iterdir() if not path.name.startswith("."))
+    foreign = [path for path in present if path.suffix.lower() not in IMAGE_SUFFIXES]
+    if foreign:
+        raise UserError(
+            f"{foreign[0]} is neither JPEG nor PNG ({len(foreign)} such files); "
+            "convert photos of other kinds, such as HEIC, to JPEG, and put other files elsewhere."
+        )
+    stems = [path.stem for path in present]
+    double = next((stem for stem in stems if stems.count(stem) > 1), None)
+    if double is not None:
+        raise UserError(f"{folder}/images has two photos named {double}; rename one.")
+    return tuple(present)
+
+
+def _check_scene(path: Path, scene: Scene) -> None:
+    for name, item in scene.objects.items():
+        if not name.replace("_", "a").isalnum() or not name[0].isalpha() or name != name.lower():
+            raise UserError(f"{path}: object name {name!r}: use small letters, digits and underscores, a letter first.")
+        if min(item.box) <= 0.003 or max(item.box) > 1.0:
+            raise UserError(
+                f"{path}: objects.{name}.box: {list(item.box)} is no size in metres; give the object's extents in m."
+            )
+    names = list(scene.objects)
+    for index, first in enumerate(names):
+        for second in names[index + 1 :]:
+            one, other = scene.objects[first], scene.objects[second]
+            gap = np.hypot(*(np.subtract(one.position, other.position)))
+            if gap < 0.5 * (min(one.box[:2]) + min(other.box[:2])) * 0.9:
+                raise UserError(
+                    f"{path}: the boxes of {first} and {second} overlap (centres {1000 * gap:.0f} mm apart); "
+                    "correct their positions, or move the objects apart and take the photos again."
+                )
+
+
+def read_capture(folder: Path) -> Capture:
+    """Read and check the texts of a capture, and list its photos.
+
+    Raises:
+        UserError: something is missing, unreadable or contradicts itself.
+    """
+    if not folder.is_dir():
+        raise UserError(f"there is no capture folder {folder}; docs/capture.md says what one holds.")
+    images = _images(folder)
+    tags = _read_yaml(folder / "tags.yaml", TagLayout)
+    count = TAG_FAMILIES[tags.family]
+    wrong = [number for number in tags.tags if not 0 <= number < count]
+    if wrong:
+        raise UserError(f"{folder / 'tags.yaml'}: {tags.family} has no tag {wrong[0]}; its tags are 0 to {count - 1}.")
+    scene = _read_yaml(folder / "scene.yaml", Scene)
+    _check_scene(folder / "scene.yaml", scene)
+    source = folder / "intrinsics.yaml"
+    return Capture(folder, images, tags, scene, _read_yaml(source, Intrinsics) if source.exists() else None)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """``gt/``: what is truly there, for measuring only."""
+
+    surfaces: dict[str, Path]  # per object its true mesh in the scene frame
+    rendered: bool  # the photos are pictures of a computer
+    camera_centres: dict[str, NDArray[np.float64]]  # per image stem (3,), scene frame
+
+
+def read_truth(folder: Path) -> Truth | None:
+    """Return what ``gt/`` of a capture holds, None without one.
+
+    Raises:
+        UserError: ``gt/cameras.json`` is damaged.
+    """
+    if not (folder / "gt").is_dir():
+        return None
+    surfaces = {path.stem: path for path in sorted((folder / "gt").glob("*.ply"))}
+    source = folder / "gt/cameras.json"
+    if not source.exists():
+        return Truth(surfaces, False, {})
+    try:
+        content = json.loads(source.read_text())
+        centres = {name: np.asarray(centre, np.float64).reshape(3) for name, centre in content["centres"].items()}
+        return Truth(surfaces, bool(content["rendered"]), centres)
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        raise UserError(f"{source} is damaged ({error}); remove it, or make the capture again.") from error

@@ -1,0 +1,34 @@
+import pytest
+
+from pipeline.records.captures import read_capture
+from tests.reconstruct.made_up import rendered
+
+
+@pytest.fixture(scope="session")
+def capture_folder(tmp_path_factory):
+    """A rendered capture; tests that change something copy it."""
+    return rendered(tmp_path_factory.mktemp("captures") / "plain")
+
+
+@pytest.fixture(scope="session")
+def photos(capture_folder):
+    from pipeline.reconstruct.photos import read_photos
+
+    return read_photos(read_capture(capture_folder))
+
+
+@pytest.fixture(scope="session")
+def sparse(photos):
+    """The poses of the rendered capture, found once for all tests."""
+    from pipeline.reconstruct.sparse import sparse_model
+    from pipeline.records.parameters import read_parameters
+
+    return sparse_model(photos, None, read_parameters().reconstruct.sparse, seed=1, threads=1)
+
+
+@pytest.fixture(scope="session")
+def sightings(photos, capture_folder):
+    from pipeline.reconstruct.tags import detect_tags
+
+    layout = read_capture(capture_folder).tags
+    return {photo.name: detect_tags(photo, layout) for photo in photos}

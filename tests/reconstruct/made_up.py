@@ -1,0 +1,60 @@
+"""Small prepared objects and small rendered captures of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.records.objects import PreparedObject
+from pipeline.records.parameters.capture import RenderingParameters
+
+PLACES = {
+    "block": {"position": (-0.07, -0.04), "yaw_degrees": 20.0},
+    "can": {"position": (0.06, 0.04), "yaw_degrees": 0.0},
+}
+
+
+def prepared(name: str, mesh) -> PreparedObject:
+    """A prepared object that only has a surface: all that a rendering reads."""
+    none = np.zeros((0, 3))
+    return PreparedObject(
+        name=name,
+        vertices=np.asarray(mesh.vertices, np.float64),
+        faces=np.asarray(mesh.faces, np.int64),
+        parts=(),
+        distance=np.zeros((1, 1, 1), np.float32),
+        distance_origin=np.zeros(3),
+        distance_spacing=1.0,
+        surface_points=none,
+        surface_normals=none,
+        mass=1.0,
+        inertia=np.eye(3),
+        volume=float(mesh.volume),
+        extents=np.asarray(mesh.extents),
+        provenance={},
+    )
+
+
+def shapes() -> dict[str, PreparedObject]:
+    """A block and a can, both 6 cm wide."""
+    import trimesh
+
+    return {
+        "block": prepared("block", trimesh.creation.box((0.06, 0.05, 0.05))),
+        "can": prepared("can", trimesh.creation.cylinder(radius=0.03, height=0.08, sections=96)),
+    }
+
+
+def settings(**changes) -> RenderingParameters:
+    """A quick capture: 16 views of 480 x 360 pixels."""
+    base = {"objects": PLACES, "views": 16, "width": 480, "height": 360}
+    return RenderingParameters.model_validate({**base, **changes})
+
+
+def rendered(folder: Path, seed: int = 1, **changes) -> Path:
+    """Render a capture of the shapes into ``folder``."""
+    from pipeline.capture.recipe import render_capture
+
+    render_capture(folder, "made_up", shapes(), settings(**changes), seed, workers=1)
+    return folder

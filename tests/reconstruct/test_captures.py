@@ -1,0 +1,146 @@
+"""The folder of a capture: everything wrong with it is one sentence that names the file."""
+
+import re
+import shutil
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+
+from pipeline.reconstruct.photos import read_grey, read_photos
+from pipeline.records.captures import TagLayout, read_capture, read_truth
+from pipeline.records.errors import UserError
+
+
+@pytest.fixture
+def copy(capture_folder, tmp_path):
+    return shutil.copytree(capture_folder, tmp_path / "copy")
+
+
+def change(path, key, value):
+    content = yaml.safe_load(path.read_text())
+    section = content
+    *folders, last = key.split(".")
+    for folder in folders:
+        section = section[int(folder) if folder.isdigit() else folder]
+    if value is None:
+        del section[last]
+    else:
+        section[last] = value
+    path.write_text(yaml.safe_dump(content))
+
+
+def test_a_rendered_capture_is_valid_and_hides_nothing(capture_folder):
+    capture = read_capture(capture_folder)
+    assert len(capture.images) == 16 and set(capture.scene.objects) == {"block", "can"}
+    assert {path.name for path in capture_folder.iterdir()} == {"images", "tags.yaml", "scene.yaml", "gt"}
+    for path in capture.images:
+        with Image.open(path) as picture:
+            assert not picture.getexif() and "comment" not in picture.info
+    # A ruler's accuracy: whole millimetres.
+    for item in capture.scene.objects.values():
+        millimetres = np.array([*item.position, *item.box]) * 1000
+        assert np.allclose(millimetres, np.round(millimetres))
+    truth = read_truth(capture_folder)
+    assert truth is not None and truth.rendered and set(truth.surfaces) == {"block", "can"}
+
+
+@pytest.mark.parametrize(
+    ("file", "key", "value", "words"),
+    [
+        ("tags.yaml", "size", -1, "tags.yaml: size"),
+        ("tags.yaml", "sizes", 0.05, "unknown key"),
+        ("tags.yaml", "family", "tag99", "tags.yaml: family"),
+        ("tags.yaml", "convention", None, "tags.yaml: convention"),
+        ("tags.yaml", "tags", {999: {"position": [0, 0, 0]}}, "has no tag 999"),
+        ("tags.yaml", "tags", {}, "tags.yaml: tags"),
+        ("scene.yaml", "objects", {}, "scene.yaml: objects"),
+        ("scene.yaml", "objects.can.box", [60, 60, 80], "is no size in metres"),
+        ("scene.yaml", "objects.can.position", [-0.06, -0.04], "overlap"),
+        ("scene.yaml", "objects.can.positon", [0, 0], "unknown key"),
+    ],
+)
+def test_wrong_texts_are_refused(copy, file, key, value, words):
+    change(copy / file, key, value)
+    with pytest.raises(UserError, match=words.replace("(", r"\(")) as caught:
+        read_capture(copy)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("missing", ["tags.yaml", "scene.yaml", "images"])
+def test_missing_parts_are_named(copy, missing):
+    target = copy / missing
+    shutil.rmtree(target) if target.is_dir() else target.unlink()
+    with pytest.raises(UserError, match=missing):
+        read_capture(copy)
+
+
+def test_a_missing_folder_is_named(tmp_path):
+    with pytest.raises(UserError, match="there is no capture folder"):
+        read_capture(tmp_path / "nowhere")
+
+
+def test_heic_is_refused_by_name_and_by_content(copy):
+    first = copy / "images/photo_000.jpg"
+    heic = b"\x00\x00\x00\x18ftypheic" + bytes(100)
+    (copy / "images/extra.HEIC").write_bytes(heic)
+    with pytest.raises(UserError, match="neither JPEG nor PNG.*convert"):
+        read_capture(copy)
+    (copy / "images/extra.HEIC").unlink()
+    first.write_bytes(heic)
+    with pytest.raises(UserError, match="photo_000.jpg is no JPEG or PNG"):
+        read_photos(read_capture(copy))
+
+
+def test_a_damaged_photo_is_named(copy):
+    path = copy / "images/photo_003.jpg"
+    path.write_bytes(path.read_bytes()[:5000])
+    with pytest.raises(UserError, match="photo_003.jpg is damaged"):
+        read_photos(read_capture(copy))
+
+
+def test_two_photos_of_one_name_are_refused(copy):
+    shutil.copy(copy / "images/photo_003.jpg", copy / "images/photo_003.png")
+    with pytest.raises(UserError, match="two photos named photo_003"):
+        read_capture(copy)
+
+
+def test_exif_orientation_is_honoured(copy):
+    path = copy / "images/photo_000.jpg"
+    upright = read_grey(path)
+    with Image.open(path) as picture:
+        turned, exif = picture.transpose(Image.Transpose.ROTATE_90), picture.getexif()
+        exif[0x0112] = 6  # to be shown turned by 90 degrees clockwise
+        turned.save(path, exif=exif, quality=98)
+    again = read_grey(path)
+    assert again.shape == upright.shape
+    assert np.abs(again.astype(float) - upright).mean() < 3
+
+
+def test_conventions_differ_by_half_a_turn():
+    text = {"family": "tag36h11", "size": 0.06, "tags": {0: {"position": [0.1, 0.2, 0.0], "yaw_degrees": 90}}}
+    ours = TagLayout.model_validate({**text, "convention": "opencv"}).corners()[0]
+    theirs = TagLayout.model_validate({**text, "convention": "apriltag"}).corners()[0]
+    # Top left of a tag turned by 90 degrees counter-clockwise lies at -x, -y of its middle.
+    assert np.allclose(ours[0], [0.07, 0.17, 0])
+    assert np.allclose(ours[[2, 3, 0, 1]], theirs)
+
+
+def test_the_examples_of_the_documentation_are_valid(repository, copy):
+    text = (repository / "docs/capture.md").read_text()
+    blocks = re.findall(r"^```yaml\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    tags, scene, captures = blocks
+    (copy / "tags.yaml").write_text(tags)
+    (copy / "scene.yaml").write_text(scene)
+    capture = read_capture(copy)
+    upright = capture.tags.corners()[2]
+    assert np.allclose(upright[0] - upright[3], [0, 0, 0.06], atol=1e-5), "a tag that stands has its top above"
+    assert set(capture.scene.objects) == {"cube"}
+    assert yaml.safe_load(captures)["captures"]["mine"] == {"folder": "data/raw/my_capture"}
+
+
+@pytest.mark.parametrize(("room", "option"), [("capture", "--name"), ("reconstruct", "--capture")])
+def test_an_unknown_name_is_one_sentence(run_module, room, option):
+    done = run_module(f"pipeline.{room}", option, "nowhere")
+    assert done.returncode == 2 and "nowhere" in done.stderr and done.stderr.count("\n") == 1

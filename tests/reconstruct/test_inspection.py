@@ -1,0 +1,54 @@
+"""`./dev capture check` says what is wrong, and nothing when nothing is."""
+
+import shutil
+
+import pytest
+import yaml
+from PIL import Image, ImageFilter
+
+from pipeline.reconstruct.inspection import layout_sentences
+from pipeline.records.captures import read_capture
+from pipeline.workspace.captures import main
+
+
+@pytest.fixture
+def copy(capture_folder, tmp_path):
+    return shutil.copytree(capture_folder, tmp_path / "copy")
+
+
+def test_a_good_capture_is_called_so(capture_folder, capsys):
+    assert main(["check", str(capture_folder)]) == 0
+    assert "nothing wrong was found" in capsys.readouterr().out
+
+
+def test_blur_exposure_few_photos_and_lonely_tags_are_told(copy, capsys):
+    for number in range(11, 16):
+        (copy / f"images/photo_{number:03d}.jpg").unlink()
+    with Image.open(copy / "images/photo_002.jpg") as picture:
+        blurred = picture.filter(ImageFilter.GaussianBlur(4))
+    blurred.save(copy / "images/photo_002.jpg")
+    with Image.open(copy / "images/photo_004.jpg") as picture:
+        burnt = picture.point(lambda value: min(255, 3 * value))
+    burnt.save(copy / "images/photo_004.jpg")
+    layout = yaml.safe_load((copy / "tags.yaml").read_text())
+    layout["tags"][77] = {"position": [0.3, 0.3, 0]}
+    (copy / "tags.yaml").write_text(yaml.safe_dump(layout))
+    assert main(["check", str(copy)]) == 1
+    text = capsys.readouterr().out
+    for words in ("only 11 photos", "photo_002 is blurred", "photo_004 is", "white", "Tag 77 is seen in 0 photos"):
+        assert words in text, text
+
+
+def test_sizes_that_disagree_are_told(sightings, capture_folder):
+    layout = read_capture(capture_folder).tags
+    assert layout_sentences(sightings, layout) == []
+    (size,) = layout_sentences(sightings, layout.model_copy(update={"size": 0.045}))
+    assert "only 60 mm fit" in size
+    (turned,) = layout_sentences(sightings, layout.model_copy(update={"convention": "apriltag"}))
+    assert "convention" in turned
+
+
+def test_what_cannot_be_read_is_one_sentence(copy, capsys):
+    (copy / "tags.yaml").unlink()
+    assert main(["check", str(copy)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1

@@ -1,0 +1,81 @@
+"""The printable tags, drawn by a reader of PDF's operators that knows nothing of how they were written."""
+
+import re
+
+import numpy as np
+import pytest
+
+from pipeline.capture.sheet import tag_sheet
+from pipeline.records.errors import UserError
+from pipeline.workspace.captures import main
+
+PER_POINT = 4  # pixels
+
+
+def drawn_pages(pdf: bytes) -> list[np.ndarray]:
+    """Fill the rectangles of every page's content."""
+    text = pdf.decode("ascii")
+    left, bottom, width, height = map(float, re.search(r"/MediaBox \[(.+?)\]", text)[1].split())
+    assert (left, bottom) == (0, 0)
+    pages = []
+    for stream in re.findall(r"stream\n(.*?)\nendstream", text, flags=re.DOTALL):
+        page = np.full((round(height * PER_POINT), round(width * PER_POINT)), 255, np.uint8)
+        shade, waiting = 0, []
+        for line in stream.split("\n"):
+            words = line.split()
+            if words[-1] == "g":
+                shade = round(255 * float(words[0]))
+            elif words[-1] == "re":
+                waiting.append([float(word) * PER_POINT for word in words[:4]])
+            elif words == ["f"]:
+                for x, y, w, h in waiting:
+                    rows = round(height * PER_POINT - y - h), round(height * PER_POINT - y)
+                    page[rows[0] : max(rows[1], rows[0] + 1), round(x) : max(round(x + w), round(x) + 1)] = shade
+                waiting = []
+        pages.append(page)
+    return pages
+
+
+@pytest.mark.parametrize(("page", "size"), [("a4", 0.06), ("letter", 0.05)])
+def test_printed_tags_are_found_in_true_size(page, size):
+    import cv2
+
+    pages = drawn_pages(tag_sheet(range(3, 13), size, page))
+    assert len(pages) >= 2
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11))
+    numbers = []
+    for picture in pages:
+        corners, found, _ = detector.detectMarkers(picture)
+        numbers += found.ravel().tolist()
+        for corner in corners:
+            edges = np.linalg.norm(np.diff(corner[0], axis=0, append=corner[0][:1]), axis=1)
+            assert edges / PER_POINT / 72 * 25.4 == pytest.approx(1000 * size, rel=0.01)
+            assert corner[0][0][0] < corner[0][1][0] and corner[0][0][1] < corner[0][3][1], "upright as OpenCV draws it"
+    assert sorted(numbers) == list(range(3, 13))
+
+
+def test_the_ruler_is_a_hundred_millimetres():
+    text = tag_sheet([0], 0.06, "a4").decode("ascii")
+    marks = [float(line.split()[0]) for line in text.split("\n") if re.fullmatch(r"[\d. ]+ 0\.2835 [\d.]+ re", line)]
+    assert len(marks) == 101 and (max(marks) - min(marks)) / 72 * 25.4 == pytest.approx(100)
+
+
+def test_the_file_is_a_pdf_whose_table_is_right():
+    pdf = tag_sheet(range(6), 0.06, "a4")
+    assert pdf.startswith(b"%PDF-1.")
+    start = int(re.search(rb"startxref\n(\d+)", pdf)[1])
+    assert pdf[start:].startswith(b"xref")
+    places = re.findall(rb"(\d{10}) 00000 n", pdf)
+    for number, place in enumerate(places, start=1):
+        assert pdf[int(place) :].startswith(b"%d 0 obj" % number)
+
+
+def test_wrong_wishes_are_one_sentence(tmp_path, capsys):
+    with pytest.raises(UserError, match="no tag 587"):
+        tag_sheet([587], 0.06, "a4")
+    with pytest.raises(UserError, match="does not fit"):
+        tag_sheet([0], 0.19, "a4")
+    assert main(["print-tags", "--size-mm", "900", "--out", str(tmp_path / "x.pdf")]) == 2
+    assert main(["print-tags", "--out", str(tmp_path / "tags.pdf")]) == 0
+    assert (tmp_path / "tags.pdf").stat().st_size > 5000
+    assert "print at 100 %" in capsys.readouterr().out
