@@ -6,6 +6,7 @@ Writes ``data/evaluate/<source>/<object>.parquet``.
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
@@ -13,43 +14,66 @@ from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.running import run_stage
 
 # Where the grasps of a source are, and the stage that makes them.
-SOURCES = {"synthesized": (paths.merged_file, "merge"), "learned": (paths.sampled_file, "sample")}
+SOURCES = {
+    "synthesized": (paths.merged_file, "merge"),
+    "learned": (paths.sampled_file, "sample"),
+    "reconstructed": (paths.reconstructed_file, "sample-reconstructed"),
+}
 
 
-def sections(object_name: str) -> list[str]:
+def sections(source: str, object_name: str) -> list[str]:
     """Parameter sections that ``evaluate-<source>@<object>`` declares in ``dvc.yaml``."""
-    return ["seed", "styles", "physics", "evaluate"]
+    pairs = f"reconstructed.{object_name}" if source == "reconstructed" else "styles"
+    return ["seed", pairs, "physics", "evaluate"]
+
+
+def second_objects(source: str, first: str, parameters: dict[str, Any]) -> list[str]:
+    """Return the names of the objects that are picked after ``first``.
+
+    Raises:
+        UserError: ``styles.pinch`` does not name the first object.
+    """
+    if source == "reconstructed":
+        return list(parameters[f"reconstructed.{first}"].side)
+    styles = parameters["styles"]
+    if first not in styles.pinch:
+        raise UserError(
+            f"params.yaml: styles.pinch does not name {first!r}; add it there, or use one of {', '.join(styles.pinch)}."
+        )
+    return list(styles.side)
 
 
 def evaluate(source: str, first: str) -> None:
     """Run all trials of the pairs that begin with ``first`` and write their table.
 
     Raises:
-        UserError: an input is missing or damaged, or ``styles.pinch`` does not name the object.
+        UserError: an input is missing or damaged, or params.yaml does not name the object for this source.
     """
-    parameters = load_parameters(sections(first))
+    parameters = load_parameters(sections(source, first))
     workers = read_parameters().compute.workers
-    styles = parameters["styles"]
-    if first not in styles.pinch:
-        raise UserError(
-            f"params.yaml: styles.pinch does not name {first!r}; add it there, or use one of {', '.join(styles.pinch)}."
-        )
+    seconds = second_objects(source, first, parameters)
 
     import pandas as pd
 
     from pipeline.compute.fan_out import fan_out
     from pipeline.evaluate.grasps import accepted_grasps
+    from pipeline.evaluate.reconstructed import in_true_frames, true_from_reconstructed
     from pipeline.evaluate.scene import without_grid
     from pipeline.evaluate.trial import run_trial, trial_inputs
     from pipeline.records.objects import load_prepared_object
     from pipeline.records.tables import MERGED, TRIALS, read_table, write_table
 
-    seconds = styles.side
     file_of, made_by = SOURCES[source]
     grasps = {
         second: accepted_grasps(read_table(file_of(first, second), MERGED, f"{made_by}@{first}")) for second in seconds
     }
     objects = {name: without_grid(load_prepared_object(name)) for name in dict.fromkeys([first, *seconds])}
+    if source == "reconstructed":
+        capture = parameters[f"reconstructed.{first}"].capture
+        T = {name: true_from_reconstructed(capture, prepared) for name, prepared in objects.items()}
+        grasps = {
+            second: [in_true_frames(grasp, T[first], T[second]) for grasp in own] for second, own in grasps.items()
+        }
     inputs = [
         trial
         for second in seconds

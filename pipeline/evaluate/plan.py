@@ -1,7 +1,8 @@
 """A proposed sequence for a robot's controller, with the hardware's limits checked; nothing here talks to hardware.
 
 `python -m pipeline.evaluate.plan --table data/merge/cube/soup_can.parquet` plans from the start posture to both objects
-held up, for one grasp of the table, and writes plan.json and plan.csv. With `--play` the very same way-points run in
+held up, for one grasp of the table, and writes plan.json and plan.csv. With `--capture NAME` the objects are those that
+photos show, where they show them, and the table is of grasps of these (`data/train_reconstructed`). With `--play` the very same way-points run in
 simulation: playback.json says what came of it, playback.png shows it. docs/plan.md explains the files.
 """
 
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +18,24 @@ import numpy as np
 
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters
+from pipeline.records.poses import pose_matrix
 
 SECTIONS = ["seed", "physics", "evaluate"]
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where things stand: x, y (m) and yaw (degrees) in the robot's base frame; None: where trials put them."""
+
+    objects: tuple[list[float] | None, list[float] | None] = (None, None)
+    capture: str | None = None  # name of a reconstruction that says how objects stand to each other
+    scene: list[float] | None = None  # its scene frame; None: in the middle of the sponge
 
 
 def plan(
     source: Path,
     merged_id: int | None,
-    places: tuple[list[float] | None, list[float] | None],
+    places: Places,
     output: Path,
     dry_run: bool,
 ) -> None:
@@ -32,7 +44,7 @@ def plan(
     Args:
         source: table of two-object grasps.
         merged_id: row of the table; the first accepted one when None.
-        places: x, y (m) and yaw (degrees) of either object; None: where trials put it.
+        places: where the objects stand.
         output: folder to write to.
         dry_run: also run the plan in simulation.
 
@@ -50,7 +62,7 @@ def plan(
     from pipeline.records.writing import whole_file, write_json
 
     grasp, names = _grasp(source, merged_id)
-    table = _table(names, places, settings)
+    table = _captured(names, places, settings) if places.capture else _placed(names, places, settings)
     rng = item_generator(parameters["seed"], "plan", *names, grasp.merged_id)
     waypoints = waypoints_of(propose(table, grasp, settings, rng), settings.control_frequency)
     checks = check_limits(waypoints, squeeze_torque(grasp, physics))
@@ -100,26 +112,63 @@ def _grasp(source: Path, merged_id: int | None) -> tuple[Any, tuple[str, str]]:
     return grasp_from_row(row), (row["object0"], row["object1"])
 
 
-def _table(names: tuple[str, str], places: Any, settings: Any) -> Any:
+def _placed(names: tuple[str, str], places: Places, settings: Any) -> Any:
     """Return both prepared objects, standing on the sponge where the options say."""
     from pipeline.evaluate.proposal import StandingObject, Table
-    from pipeline.evaluate.scene import SPONGE_SIZE, SPONGE_X, placed, without_grid
+    from pipeline.evaluate.scene import placed, without_grid
     from pipeline.records.objects import load_prepared_object
 
     first, second = (without_grid(load_prepared_object(name)) for name in names)
     nominal = placed((first, second), settings, np.zeros((2, 3)))
     offsets = np.zeros((2, 3))
-    for index, place in enumerate(places):
+    for index, place in enumerate(places.objects):
         if place is not None:
             offsets[index] = [place[0] - nominal[index][0, 3], place[1] - nominal[index][1, 3], np.radians(place[2])]
     poses = placed((first, second), settings, offsets)
     for name, T in zip(names, poses, strict=True):
-        if not (abs(T[:2, 3] - [SPONGE_X, 0.0]) <= SPONGE_SIZE / 2).all():
-            raise UserError(
-                f"{name} would stand at x {T[0, 3]:.3g} m, y {T[1, 3]:.3g} m, beside the sponge (x {SPONGE_X} m and "
-                f"y 0 m, +-{SPONGE_SIZE / 2} m); place it there."
-            )
+        _check_on_sponge(name, T)
     return Table((StandingObject(first, poses[0]), StandingObject(second, poses[1])))
+
+
+def _captured(names: tuple[str, str], places: Places, settings: Any) -> Any:
+    """Return all objects of a capture as photos show them, standing on the sponge as they stood on their support."""
+    from pipeline.evaluate.proposal import StandingObject, Table
+    from pipeline.evaluate.scene import SPONGE_X, without_grid
+    from pipeline.records.reconstructions import load_reconstructed_object, load_reconstruction_metrics
+    from pipeline.records.solids import object_of_reconstruction
+
+    assert places.capture
+    x, y, degrees = places.scene or (SPONGE_X, 0.0, 0.0)
+    T_world_scene = pose_matrix(
+        (x, y, 0.0), (np.cos(np.radians(degrees) / 2), 0.0, 0.0, np.sin(np.radians(degrees) / 2))
+    )
+    shown = load_reconstruction_metrics(places.capture)["objects"]
+    absent = [name for name in names if name not in shown]
+    if absent:
+        raise UserError(
+            f"the capture {places.capture} does not show {absent[0]}, but {', '.join(sorted(shown))}; "
+            "use the table of a pair of these."
+        )
+    standing = {}
+    for name in shown:
+        item = load_reconstructed_object(places.capture, name)
+        prepared = without_grid(object_of_reconstruction(item))
+        T = T_world_scene @ item.T_scene_object
+        T[2, 3] = settings.sponge_height - prepared.bottom
+        _check_on_sponge(name, T)
+        standing[name] = StandingObject(prepared, T)
+    others = tuple(item for name, item in standing.items() if name not in names)
+    return Table((standing[names[0]], standing[names[1]]), others)
+
+
+def _check_on_sponge(name: str, T: Any) -> None:
+    from pipeline.evaluate.scene import SPONGE_SIZE, SPONGE_X
+
+    if not (abs(T[:2, 3] - [SPONGE_X, 0.0]) <= SPONGE_SIZE / 2).all():
+        raise UserError(
+            f"{name} would stand at x {T[0, 3]:.3g} m, y {T[1, 3]:.3g} m, beside the sponge (x {SPONGE_X} m and "
+            f"y 0 m, +-{SPONGE_SIZE / 2} m); place it there."
+        )
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -139,11 +188,22 @@ def main(arguments: list[str] | None = None) -> int:
             metavar=("X", "Y", "YAW"),
             help=f"where object {index} stands, m and degrees in the robot's base frame (default: as in trials)",
         )
+    parser.add_argument("--capture", help="a reconstructed capture, a name in params.yaml: objects and their places")
+    parser.add_argument(
+        "--scene",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "YAW"),
+        help="with --capture: its scene frame in the robot's base frame (default: the middle of the sponge)",
+    )
     parser.add_argument("--output", type=Path, default=Path("plan"), help="folder to write to (default: %(default)s)")
     parser.add_argument("--play", action="store_true", help="run the plan in simulation and draw it")
     chosen = parser.parse_args(arguments)
+    if chosen.capture and (chosen.place0 or chosen.place1) or chosen.scene and not chosen.capture:
+        parser.error("give --place0 and --place1, or --capture and --scene")
+    places = Places((chosen.place0, chosen.place1), chosen.capture, chosen.scene)
     try:
-        plan(chosen.table, chosen.merged_id, (chosen.place0, chosen.place1), chosen.output, chosen.play)
+        plan(chosen.table, chosen.merged_id, places, chosen.output, chosen.play)
     except UserError as error:
         print(f"plan: {error}", file=sys.stderr)
         return 2

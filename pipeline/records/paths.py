@@ -52,6 +52,16 @@ def sampled_file(first: str, second: str) -> Path:
     return sampled_folder(first) / f"{second}.parquet"
 
 
+def reconstructed_folder(first: str) -> Path:
+    """Folder of the learned grasps, conditioned on reconstructed objects, of all pairs that begin with ``first``."""
+    return Path("data/train_reconstructed") / first
+
+
+def reconstructed_file(first: str, second: str) -> Path:
+    """Table of one such pair; the frames of its objects are those of the reconstruction."""
+    return reconstructed_folder(first) / f"{second}.parquet"
+
+
 def trials_file(source: str, first: str) -> Path:
     """Table of robot trials of all pairs that begin with ``first``; ``source`` is where the grasps came from."""
     return Path("data/evaluate") / source / f"{first}.parquet"

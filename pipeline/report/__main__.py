@@ -14,7 +14,7 @@ from pipeline.records.writing import whole_file, whole_folder, write_json
 def sections() -> list[str]:
     """Parameter sections that the stage declares: all that its page shows, so all on which results depend."""
     stages = ["prepare", "synthesize", "physics", "validate", "merge", "train", "evaluate", "reconstruct", "report"]
-    return ["scale", "seed", "styles", "objects", "meshes", "renderings", "captures", *stages]
+    return ["scale", "seed", "styles", "objects", "meshes", "renderings", "captures", "reconstructed", *stages]
 
 
 def work() -> None:
@@ -32,12 +32,12 @@ def work() -> None:
     from pipeline.report.scene import UNIT
     from pipeline.report.settings import section_rows
     from pipeline.report.summary import summarize
-    from pipeline.report.tables import SOURCES, load_tables
+    from pipeline.report.tables import RECONSTRUCTED, SOURCES, load_tables
 
     styles, evaluate = parameters["styles"], parameters["evaluate"]
     settings = {name: list(section_rows(name, value)) for name, value in parameters.items()}
     settings = {"run": settings.pop("scale") + settings.pop("seed"), **settings}
-    tables = load_tables(styles)
+    tables = load_tables(styles, parameters["reconstructed"])
     funnels = [
         single_grasp_funnel(style, name, candidates, tables.validated[style, name])
         for (style, name), candidates in tables.candidates.items()
@@ -47,6 +47,13 @@ def work() -> None:
         source: [pair_trials(first, second, tables.trials[source, first]) for first, second in tables.merged]
         for source in SOURCES
     }
+    reconstructed = {first: item.side for first, item in parameters["reconstructed"].items()}
+    if reconstructed:
+        trials[RECONSTRUCTED] = [
+            pair_trials(first, second, tables.trials[RECONSTRUCTED, first])
+            for first, seconds in reconstructed.items()
+            for second in seconds
+        ]
     learned = load_learned(styles)
     reconstructions = {name: load_reconstruction_metrics(name) for name in parameters["captures"]}
     summary = summarize(parameters["scale"], funnels, merges, trials, reconstructions, learned)

@@ -20,7 +20,11 @@ from pipeline.report.summary import Value
 
 PASSED = "passed"
 SUCCESS = "success"
-SOURCE_TITLES = {"synthesized": "synthesized grasps", "learned": "grasps of the learned model"}
+SOURCE_TITLES = {
+    "synthesized": "synthesized grasps",
+    "learned": "grasps of the learned model",
+    "reconstructed": "grasps of the learned model for reconstructed objects",
+}
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import pandas as pd
@@ -10,7 +11,8 @@ from pipeline.records import paths
 from pipeline.records.parameters.objects import StylesParameters
 from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED, read_table
 
-SOURCES = ("synthesized", "learned")
+SOURCES = ("synthesized", "learned")  # of all pairs
+RECONSTRUCTED = "reconstructed"  # a source of some pairs
 STYLES = ("pinch", "side")
 
 
@@ -24,8 +26,8 @@ class Tables:
     trials: dict[tuple[str, str], pd.DataFrame]
 
 
-def load_tables(styles: StylesParameters) -> Tables:
-    """Read the tables of all objects and pairs of ``styles``.
+def load_tables(styles: StylesParameters, reconstructed: Iterable[str]) -> Tables:
+    """Read the tables of all objects and pairs of ``styles``, and the trials of the ``reconstructed`` first objects.
 
     Raises:
         UserError: a table is missing or damaged.
@@ -47,7 +49,7 @@ def load_tables(styles: StylesParameters) -> Tables:
         },
         trials={
             (source, first): read_table(paths.trials_file(source, first), TRIALS, f"evaluate-{source}@{first}")
-            for source in SOURCES
-            for first in styles.pinch
+            for source, firsts in [*((source, styles.pinch) for source in SOURCES), (RECONSTRUCTED, reconstructed)]
+            for first in firsts
         },
     )

@@ -20,7 +20,18 @@ SOURCES = ("synthesized", "learned")
 def sections() -> list[str]:
     """Parameter sections that the stage declares: all, except ``compute``, on which no result depends."""
     results = ["prepare", "synthesize", "physics", "validate", "merge", "train", "evaluate", "reconstruct", "report"]
-    return ["scale", "seed", "styles", "objects", "meshes", "renderings", "captures", *results, "track"]
+    return [
+        "scale",
+        "seed",
+        "styles",
+        "objects",
+        "meshes",
+        "renderings",
+        "captures",
+        "reconstructed",
+        *results,
+        "track",
+    ]
 
 
 def read_json(source: Path, made_by: str) -> dict[str, Any]:
@@ -101,6 +112,7 @@ def work() -> None:
         SOURCES,
         parameters["renderings"],
         parameters["captures"],
+        parameters["reconstructed"],
     )
     durations = read_json(paths.DURATIONS_FILE, "report") if paths.DURATIONS_FILE.exists() else {}
     curves = {"train": read_curve()}

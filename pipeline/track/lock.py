@@ -49,6 +49,7 @@ def stage_names(
     sources: Iterable[str],
     renderings: Iterable[str] = (),
     captures: Iterable[str] = (),
+    reconstructed: Iterable[str] = (),
 ) -> list[str]:
     """Return the DVC names of all stages before ``track`` in order; ``dvc.lock`` also keeps stages that are gone."""
     names = [f"prepare@{name}" for name in objects] + [f"prepare-mesh@{name}" for name in meshes]
@@ -58,6 +59,7 @@ def stage_names(
     names += ["train", *(f"sample@{first}" for first in styles["pinch"])]
     names += [f"evaluate-{source}@{first}" for source in sources for first in styles["pinch"]]
     names += [f"capture@{name}" for name in renderings] + [f"reconstruct@{name}" for name in captures]
+    names += [f"{stage}-reconstructed@{first}" for stage in ("sample", "evaluate") for first in reconstructed]
     return [*names, "report"]
 
 

@@ -11,13 +11,10 @@ from numpy.typing import NDArray
 
 from pipeline.records.errors import UserError
 from pipeline.records.objects import PreparedObject
+from pipeline.records.solids import object_of_solid
 
 SMALLEST, LARGEST = 0.01, 0.4  # m, longest extent that a hand has to do with; outside, the unit is taken to be wrong
 LEAST_POINTS = 64
-SURFACE_POINTS = 4096
-CELLS = 96  # of the distance grid, along its longest axis
-PADDING = 0.02  # m of grid around the object
-DENSITY = 500.0  # kg/m3, as in the physics of the pipeline
 
 
 def load_own_object(source: Path) -> tuple[PreparedObject, NDArray[np.float64], NDArray[np.float64]]:
@@ -61,7 +58,7 @@ def load_own_object(source: Path) -> tuple[PreparedObject, NDArray[np.float64], 
         solid.invert()
     centre = np.asarray(solid.center_mass, np.float64)
     solid.apply_translation(-centre)
-    prepared = _prepared(source.stem, solid)
+    prepared = object_of_solid(source.stem, solid)
     seen = prepared.surface_points if mesh is not None else points - centre
     return prepared, seen, centre
 
@@ -87,37 +84,3 @@ def _read(source: Path) -> tuple[NDArray[np.float64], trimesh.Trimesh | None]:  
         raise UserError(f"{source} cannot be read as a mesh or a point cloud ({type(error).__name__}).") from error
     points = np.asarray(loaded.vertices, np.float64).reshape(-1, 3)
     return points, loaded if isinstance(loaded, trimesh.Trimesh) and len(loaded.faces) else None
-
-
-def _prepared(name: str, solid: trimesh.Trimesh) -> PreparedObject:  # type: ignore[name-defined] # noqa: F821
-    """Return a closed mesh, centred, with what the energy and physics need of it; its hull is its collision shape."""
-    import open3d as o3d
-    import trimesh
-
-    low, high = solid.bounds[0] - PADDING, solid.bounds[1] + PADDING
-    spacing = float((high - low).max() / (CELLS - 1))
-    axes = [low[k] + spacing * np.arange(int(np.ceil((high - low)[k] / spacing)) + 1) for k in range(3)]
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).astype(np.float32)
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        o3d.core.Tensor(np.asarray(solid.vertices, np.float32)), o3d.core.Tensor(np.asarray(solid.faces, np.uint32))
-    )
-    distance = scene.compute_signed_distance(o3d.core.Tensor(grid), nthreads=1).numpy()
-    points, owners = trimesh.sample.sample_surface(solid, SURFACE_POINTS, seed=0)
-    hull = solid.convex_hull
-    return PreparedObject(
-        name=name,
-        vertices=np.asarray(solid.vertices, np.float64),
-        faces=np.asarray(solid.faces, np.int64),
-        parts=((np.asarray(hull.vertices, np.float64), np.asarray(hull.faces, np.int64)),),
-        distance=distance.astype(np.float32),
-        distance_origin=np.asarray(low, np.float64),
-        distance_spacing=spacing,
-        surface_points=np.asarray(points, np.float64),
-        surface_normals=np.asarray(solid.face_normals[owners], np.float64),
-        mass=DENSITY * float(solid.volume),
-        inertia=DENSITY * np.asarray(solid.moment_inertia, np.float64),
-        volume=float(solid.volume),
-        extents=np.asarray(solid.extents, np.float64),
-        provenance={},
-    )

@@ -3,6 +3,10 @@
 `python -m pipeline.train.sample --object cube` draws them for all pairs that begin with an object of params.yaml and
 writes ``data/train/<object>``: one table per second object, like those of ``merge``, and ``quality.json``.
 
+`python -m pipeline.train.sample --source reconstructed --object cube` draws them for objects as photos show them: all
+pairs under ``reconstructed`` in params.yaml that begin with this one. It knows nothing else of the objects, and writes
+``data/train_reconstructed/<object>`` in the frames of the reconstructions.
+
 `python -m pipeline.train.sample --object0 FILE --object1 FILE -n 25` draws them for two objects of your own, meshes or
 point clouds in metres, and writes grasps.parquet, grasps.json and grasps.html.
 """
@@ -19,11 +23,14 @@ from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.running import run_stage
 
+RECONSTRUCTED = "reconstructed"
 
-def sections() -> list[str]:
-    """Parameter sections that the stage ``sample@<object>`` depends on."""
+
+def sections(source: str = "", object_name: str = "") -> list[str]:
+    """Parameter sections of the stage ``sample@<object>``, or ``sample-reconstructed@<object>`` for that source."""
     synthesis = ["synthesize.energy", "synthesize.pinch", "synthesize.side"]
-    return ["seed", "styles", "train.sampling", *synthesis, "merge", "physics", "validate"]
+    pairs = f"reconstructed.{object_name}" if source == RECONSTRUCTED else "styles"
+    return ["seed", pairs, "train.sampling", *synthesis, "merge", "physics", "validate"]
 
 
 def sample_pairs(first: str) -> None:
@@ -76,6 +83,51 @@ def sample_pairs(first: str) -> None:
     with whole_folder(paths.sampled_folder(first)) as folder:
         for second, table in tables.items():
             write_table(folder / paths.sampled_file(first, second).name, table, MERGED)
+        write_json(folder / "quality.json", figures)
+
+
+def sample_reconstructed(first: str) -> None:
+    """Draw grasps for all pairs of reconstructed objects that begin with ``first`` and write their folder.
+
+    Raises:
+        UserError: an input is missing or damaged, or ``reconstructed`` does not name the object.
+    """
+    parameters = load_parameters(sections(RECONSTRUCTED, first))
+    workers = read_parameters().compute.workers
+    pairs, seed = parameters[f"reconstructed.{first}"], parameters["seed"]
+
+    from pipeline.records.reconstructions import load_reconstructed_object
+    from pipeline.records.seeds import item_seed
+    from pipeline.records.solids import object_of_reconstruction
+    from pipeline.records.tables import MERGED, write_table
+    from pipeline.records.writing import whole_folder, write_json
+    from pipeline.train.checkpoint import read_checkpoint
+    from pipeline.train.proposals import check_grasps, draw_grasps, pair_energy, quality
+
+    checkpoint = read_checkpoint(paths.MODEL_FOLDER)
+    model = checkpoint.model()
+    objects = {
+        name: object_of_reconstruction(load_reconstructed_object(pairs.capture, name))
+        for name in dict.fromkeys([first, *pairs.side])
+    }
+    tables, figures = {}, {}
+    for second in pairs.side:
+        pair = (objects[first], objects[second])
+        points = (pair[0].surface_points, pair[1].surface_points)
+        task = _task(parameters, pair, points, item_seed(seed, "train", RECONSTRUCTED, first, second) % 2**31)
+        energy = pair_energy(task)
+        drawn = draw_grasps(checkpoint, model, task, energy)
+        table = tables[second] = check_grasps(task, drawn, workers)
+        figures[second] = {
+            "drawn": len(drawn.ranked.grasps),
+            "joint_violation_mean": float(drawn.joint_violation.mean()),
+            "raw": quality(energy, drawn.raw),
+            "ranked": quality(energy, drawn.ranked.chosen(_accepted(table))),
+        }
+        print(f"{first} then {second}, reconstructed: {len(_accepted(table))} accepted of {len(table)} tried")
+    with whole_folder(paths.reconstructed_folder(first)) as folder:
+        for second, table in tables.items():
+            write_table(folder / paths.reconstructed_file(first, second).name, table, MERGED)
         write_json(folder / "quality.json", figures)
 
 
@@ -162,11 +214,14 @@ def main(arguments: list[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--object", help="the object that is picked first, a name in params.yaml")
+    parser.add_argument("--source", choices=[RECONSTRUCTED], help="with --object: see the objects as photos show them")
     parser.add_argument("--object0", type=Path, help="file of the object that is pinched, metres, z up")
     parser.add_argument("--object1", type=Path, help="file of the object that ring finger and palm hold")
     parser.add_argument("-n", type=int, default=25, help="grasps wanted (default: %(default)s)")
     parser.add_argument("--output", type=Path, default=Path("grasps"), help="folder to write to (default: %(default)s)")
     chosen = parser.parse_args(arguments)
+    if chosen.object and chosen.source == RECONSTRUCTED:
+        return run_stage(f"sample-reconstructed@{chosen.object}", lambda: sample_reconstructed(chosen.object))
     if chosen.object:
         return run_stage(f"sample@{chosen.object}", lambda: sample_pairs(chosen.object))
     if not (chosen.object0 and chosen.object1) or chosen.n < 1:

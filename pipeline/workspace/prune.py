@@ -29,12 +29,14 @@ def stray_outputs(parameters: Parameters) -> list[Path]:
         Path("data/capture"): list(parameters.renderings),
         Path("data/reconstruct"): list(parameters.captures),
     }
+    wanted[Path("data/train_reconstructed")] = list(parameters.reconstructed)
     folders = {*wanted, Path("data/merge"), Path("data/train")}
     for stage in ("synthesize", "validate"):
         wanted |= {Path("data") / stage / style: names for style, names in styles.items()}
     for gathered in ("merge", "train"):
         wanted[Path("data") / gathered] = styles["pinch"]
     wanted |= {folder: styles["pinch"] for folder in Path("data/evaluate").glob("*") if folder.is_dir()}
+    wanted[Path("data/evaluate/reconstructed")] = list(parameters.reconstructed)
     return sorted(
         entry
         for folder, names in wanted.items()

@@ -19,7 +19,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
-from pipeline.records.parameters.capture import CaptureParameters, RenderingParameters
+from pipeline.records.parameters.capture import CaptureParameters, ReconstructedParameters, RenderingParameters
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.objects import MeshParameters, ObjectParameters, StylesParameters
@@ -48,6 +48,9 @@ class Parameters(Section):
     meshes: dict[str, MeshParameters] = Field(description="Objects from the user's own files, by name.")
     renderings: dict[str, RenderingParameters] = Field(description="Rendered captures, by name.")
     captures: dict[str, CaptureParameters] = Field(description="Captures to reconstruct, by name.")
+    reconstructed: dict[str, ReconstructedParameters] = Field(
+        description="First objects of the source `reconstructed`, by name."
+    )
     prepare: PrepareParameters
     synthesize: SynthesizeParameters
     physics: PhysicsParameters
@@ -90,6 +93,14 @@ class Parameters(Section):
             for object_name in rendering.objects:
                 if object_name not in self.objects and object_name not in self.meshes:
                     raise ValueError(f"renderings.{name} shows the unknown object {object_name!r}; add it to objects")
+        for first, item in self.reconstructed.items():
+            if item.capture not in self.renderings or item.capture not in self.captures:
+                raise ValueError(
+                    f"reconstructed.{first}: there is no capture {item.capture!r} among renderings and captures"
+                )
+            absent = {first, *item.side} - set(self.renderings[item.capture].objects)
+            if absent:
+                raise ValueError(f"reconstructed.{first}: renderings.{item.capture} does not show {min(absent)!r}")
         return self
 
     @model_validator(mode="after")

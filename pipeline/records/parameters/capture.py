@@ -43,6 +43,13 @@ class RenderingParameters(Section):
         return self
 
 
+class ReconstructedParameters(Section):
+    """Pairs whose grasps the model draws from what photos show, while the robot tries them on the true objects."""
+
+    capture: str = Field(description="Of a rendering that shows them all: elsewhere the true places are unknown.")
+    side: list[str] = Field(min_length=1, description="Objects that are picked second.")
+
+
 class CaptureParameters(Section):
     """A capture to reconstruct."""
 

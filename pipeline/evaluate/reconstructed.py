@@ -1,0 +1,79 @@
+"""Grasps of objects as photos show them, carried over to the true objects on which the robot tries them.
+
+The frame of a reconstructed object has its origin at the centre of mass of what was reconstructed, and lies where the
+photos put it; both differ a little from the frame of the true object. How they lie to each other follows from the
+capture, in which both have a place: the photos' errors stay errors, and nothing is fitted to make them smaller.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.evaluate.grasps import TwoObjectGrasp
+from pipeline.records import paths
+from pipeline.records.captures import read_truth
+from pipeline.records.errors import UserError
+from pipeline.records.objects import PreparedObject
+from pipeline.records.poses import inverse_pose, transform_points
+from pipeline.records.reconstructions import load_reconstructed_object
+
+LARGEST_DIFFERENCE = 1e-4  # m between corners of the same mesh; files hold single precision
+
+
+def pose_of_same_mesh(vertices: NDArray[np.float64], placed: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return the pose ``T`` (4, 4) with placed = T vertices, both (V, 3), or None if there is none.
+
+    Least squares over rotations (Kabsch 1976).
+    """
+    if vertices.shape != placed.shape:
+        return None
+    middle, there = vertices.mean(axis=0), placed.mean(axis=0)
+    u, _, vt = np.linalg.svd((placed - there).T @ (vertices - middle))
+    R = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, there - R @ middle
+    return T if np.abs(transform_points(T, vertices) - placed).max() <= LARGEST_DIFFERENCE else None
+
+
+def true_from_reconstructed(capture: str, prepared: PreparedObject) -> NDArray[np.float64]:
+    """Return ``T_true_reconstructed`` (4, 4) of an object in a rendered capture.
+
+    Raises:
+        UserError: the reconstruction or the truth is missing, or shows another object than the prepared one.
+    """
+    import trimesh
+
+    reconstructed = load_reconstructed_object(capture, prepared.name)
+    truth = read_truth(paths.capture_folder(capture))
+    source = truth.surfaces.get(prepared.name) if truth else None
+    if source is None:
+        raise UserError(
+            f"{paths.capture_folder(capture)}/gt does not hold {prepared.name}.ply; run `dvc repro capture@{capture}`."
+        )
+    mesh = trimesh.load_mesh(source, process=False)
+    T_scene_true = pose_of_same_mesh(prepared.vertices, np.asarray(mesh.vertices, np.float64))
+    if T_scene_true is None:
+        raise UserError(
+            f"{source} is not the object in {paths.prepared_folder(prepared.name)}; run `dvc repro capture@{capture}`."
+        )
+    return inverse_pose(T_scene_true) @ reconstructed.T_scene_object
+
+
+def in_true_frames(
+    grasp: TwoObjectGrasp, T_true_object0: NDArray[np.float64], T_true_object1: NDArray[np.float64]
+) -> TwoObjectGrasp:
+    """Return a grasp, given in the frames of reconstructed objects, in those of the true ones.
+
+    Args:
+        T_true_object0, T_true_object1: (4, 4) from :func:`true_from_reconstructed`.
+    """
+    return replace(
+        grasp,
+        T_hand_object0=grasp.T_hand_object0 @ inverse_pose(T_true_object0),
+        T_hand_object1=grasp.T_hand_object1 @ inverse_pose(T_true_object1),
+        approach_direction0=T_true_object0[:3, :3] @ grasp.approach_direction0,
+        approach_direction1=T_true_object1[:3, :3] @ grasp.approach_direction1,
+    )

@@ -1,0 +1,69 @@
+"""A closed mesh as an object that the energy, the checks and the physics can use, without the stage ``prepare``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.records.objects import PreparedObject
+
+if TYPE_CHECKING:
+    import trimesh
+
+    from pipeline.records.reconstructions import ReconstructedObject
+
+SURFACE_POINTS = 4096
+CELLS = 96  # of the distance grid, along its longest axis
+PADDING = 0.02  # m of grid around the object
+DENSITY = 500.0  # kg/m3, as in the physics of the pipeline
+
+
+def object_of_solid(name: str, solid: trimesh.Trimesh) -> PreparedObject:
+    """Return a closed mesh whose origin is its centre of mass as an object; its hull is its collision shape."""
+    import trimesh
+
+    points, owners = trimesh.sample.sample_surface(solid, SURFACE_POINTS, seed=0)
+    return _object(name, solid, np.asarray(points, np.float64), np.asarray(solid.face_normals[owners], np.float64))
+
+
+def object_of_reconstruction(item: ReconstructedObject) -> PreparedObject:
+    """Return what photos show of an object as an object, in the frame of the reconstruction."""
+    import trimesh
+
+    solid = trimesh.Trimesh(item.vertices, item.faces, process=False)
+    return _object(item.name, solid, item.points, item.normals)
+
+
+def _object(
+    name: str, solid: trimesh.Trimesh, points: NDArray[np.float64], normals: NDArray[np.float64]
+) -> PreparedObject:
+    import open3d as o3d
+
+    low, high = solid.bounds[0] - PADDING, solid.bounds[1] + PADDING
+    spacing = float((high - low).max() / (CELLS - 1))
+    axes = [low[k] + spacing * np.arange(int(np.ceil((high - low)[k] / spacing)) + 1) for k in range(3)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).astype(np.float32)
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(
+        o3d.core.Tensor(np.asarray(solid.vertices, np.float32)), o3d.core.Tensor(np.asarray(solid.faces, np.uint32))
+    )
+    distance = scene.compute_signed_distance(o3d.core.Tensor(grid), nthreads=1).numpy()
+    hull = solid.convex_hull
+    return PreparedObject(
+        name=name,
+        vertices=np.asarray(solid.vertices, np.float64),
+        faces=np.asarray(solid.faces, np.int64),
+        parts=((np.asarray(hull.vertices, np.float64), np.asarray(hull.faces, np.int64)),),
+        distance=distance.astype(np.float32),
+        distance_origin=np.asarray(low, np.float64),
+        distance_spacing=spacing,
+        surface_points=points,
+        surface_normals=normals,
+        mass=DENSITY * float(solid.volume),
+        inertia=DENSITY * np.asarray(solid.moment_inertia, np.float64),
+        volume=float(solid.volume),
+        extents=np.asarray(solid.extents, np.float64),
+        provenance={},
+    )
