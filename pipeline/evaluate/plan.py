@@ -1,9 +1,11 @@
 """A proposed sequence for a robot's controller, with the hardware's limits checked; nothing here talks to hardware.
 
 `python -m pipeline.evaluate.plan --table data/merge/cube/soup_can.parquet` plans from the start posture to both objects
-held up, for one grasp of the table, and writes plan.json and plan.csv. With `--capture NAME` the objects are those that
-photos show, where they show them, and the table is of grasps of these (`data/train_reconstructed`). With `--play` the very same way-points run in
+held up, for one grasp of the table, and writes plan.json and plan.csv. With `--play` the very same way-points run in
 simulation: playback.json says what came of it, playback.png shows it. docs/plan.md explains the files.
+
+With `--capture NAME` the objects are those that photos show, where they show them; the table is then of grasps of
+reconstructed objects, such as data/train_reconstructed/cube/soup_can.parquet.
 """
 
 from __future__ import annotations
