@@ -11,7 +11,7 @@ from pipeline.records.parameters import load_parameters
 
 
 def test_sections_exist_in_the_committed_parameters(repository: Path) -> None:
-    wanted = sections("cube")
+    wanted = [*sections("synthesized", "cube"), *sections("reconstructed", "cube")]
     assert set(load_parameters(wanted, repository / "params.yaml")) == set(wanted)
 
 
@@ -19,6 +19,11 @@ def test_sections_exist_in_the_committed_parameters(repository: Path) -> None:
     ("arguments", "sentence"),
     [
         (("--object", "teapot"), "styles.pinch does not name 'teapot'"),
+        (
+            ("--object", "cube", "--source", "reconstructed"),
+            "data/train_reconstructed/cube/slender_cylinder.parquet is",
+        ),
+        (("--object", "duck", "--source", "reconstructed"), "there is no object 'duck' under `reconstructed`"),
         (("--object", "cube"), "data/merge/cube/slender_cylinder.parquet is missing; run `dvc repro merge@cube`"),
     ],
 )

@@ -26,6 +26,8 @@ from pipeline.records.errors import UserError
 from pipeline.records.objects import write_prepared_object
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.poses import pose_matrix
+from pipeline.records.reconstructions import ReconstructedObject, write_reconstruction
 from pipeline.records.tables import MERGED, write_table
 
 SETTINGS, PHYSICS = EvaluateParameters(), PhysicsParameters()
@@ -276,6 +278,54 @@ def test_bad_input_is_one_sentence(workplace: Path, capsys, arguments: list[str]
     error = capsys.readouterr().err
     assert sentence in error and len(error.strip().splitlines()) == 1
     assert not (workplace / "plan").exists()
+
+
+@pytest.fixture
+def captured(workplace: Path, objects) -> Path:
+    """A reconstruction of three objects: the pair as it stands in trials, 2 mm too high, and a second cube."""
+    middle = pose_matrix([0.5, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
+    shown = {}
+    for prepared, T in zip(objects, placed(objects, SETTINGS, np.zeros((2, 3))), strict=True):
+        T_scene = np.linalg.inv(middle) @ T
+        T_scene[2, 3] = 0.002 - prepared.bottom
+        shown[prepared.name] = as_photos_show(prepared, T_scene)
+    shown["other"] = replace(shown["cube"], T_scene_object=pose_matrix([0.17, -0.17, 0.023], [1.0, 0.0, 0.0, 0.0]))
+    metrics = {"objects": {name: {} for name in shown}}
+    write_reconstruction(paths.reconstruction_folder("demo"), shown, {}, metrics)
+    return workplace
+
+
+def as_photos_show(prepared, T_scene: np.ndarray) -> ReconstructedObject:
+    points = np.repeat(prepared.vertices, 10, axis=0)
+    seen = np.ones(len(points), bool)
+    return ReconstructedObject(prepared.name, prepared.vertices, prepared.faces, points, points, seen, T_scene, 1e-4)
+
+
+def test_objects_of_a_capture_stand_where_photos_show_them(captured: Path, capsys) -> None:
+    assert command.main(["--table", "grasps.parquet", "--capture", "demo", "--output", "out"]) == 0, capsys.readouterr()
+    content = json.loads((captured / "out/plan.json").read_text())
+    assert [item["name"] for item in content["objects"]] == ["cube", "slender_cylinder"]
+    assert [item["name"] for item in content["others"]] == ["other"]
+    places = [np.array(item["T_world_object"])[:3, 3] for item in [*content["objects"], *content["others"]]]
+    # upon the sponge, whose height the robot knows better than the photos
+    np.testing.assert_allclose(places, [[0.5, -0.1, 0.121], [0.5, 0.1, 0.1525], [0.67, -0.17, 0.121]], atol=1e-6)
+    table = command._captured(
+        ("cube", "slender_cylinder"), command.Places((None, None), "demo", [0.5, 0.0, 90]), SETTINGS
+    )
+    np.testing.assert_allclose(table.objects[0].T_world_object[:3, 3], [0.6, 0.0, 0.121], atol=1e-6)
+    np.testing.assert_allclose(table.objects[0].T_world_object[:3, 0], [0.0, 1.0, 0.0], atol=1e-6)
+    far = ["--scene", "0.9", "0", "0", "--output", "far"]
+    assert command.main(["--table", "grasps.parquet", "--capture", "demo", *far]) == 2
+    assert "cube would stand at x 0.9 m" in capsys.readouterr().err
+
+
+def test_capture_without_the_pair_is_one_sentence(captured: Path, capsys) -> None:
+    folder = paths.reconstruction_folder("demo")
+    (folder / "metrics.json").write_text('{"objects": {"other": {}}}')
+    assert command.main(["--table", "grasps.parquet", "--capture", "demo"]) == 2
+    assert "the capture demo does not show cube, but other" in capsys.readouterr().err
+    assert command.main(["--table", "grasps.parquet", "--capture", "absent"]) == 2
+    assert "run `dvc repro reconstruct@absent`" in capsys.readouterr().err
 
 
 def test_help_is_there(run_module) -> None:

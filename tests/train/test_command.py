@@ -12,11 +12,13 @@ import yaml
 
 from pipeline.records import paths
 from pipeline.records.objects import write_prepared_object
+from pipeline.records.reconstructions import ReconstructedObject, write_reconstruction
 from pipeline.records.tables import MERGED, read_table, write_table
 from pipeline.train import __main__ as stage
 from pipeline.train import sample
 from tests.train.conftest import FIRSTS, SECONDS
 
+CAPTURE = "shown"
 TINY = {
     "encoder": {"points": 64, "clouds": 2, "centres": [16, 8, 4], "neighbours": [8, 8, 4], "widths": [8, 8, 16]},
     "denoiser": {"width": 32, "blocks": 1, "slot_width": 4},
@@ -34,6 +36,9 @@ def workplace(tmp_path_factory, repository: Path, objects, tables) -> Path:
     recipe = values["objects"]["cube"]
     values["objects"] = dict.fromkeys((*FIRSTS, *SECONDS), recipe)
     values["styles"] = {"pinch": list(FIRSTS), "side": list(SECONDS)}
+    values["renderings"] = {CAPTURE: {"objects": {name: {"position": [0.0, 0.0]} for name in ("cube", "can")}}}
+    values["captures"] = {CAPTURE: {"folder": str(paths.capture_folder(CAPTURE))}}
+    values["reconstructed"] = {"cube": {"capture": CAPTURE, "side": ["can"]}}
     for part, changes in TINY.items():
         values["train"][part] |= changes
     values["compute"]["workers"] = 1
@@ -93,6 +98,37 @@ def test_samples_of_a_pair_are_a_merged_table_that_does_not_depend_on_workers(mo
     assert sample.main(["--object", "cube"]) == 0
     Path("params.yaml").write_text(original)
     assert {second: paths.sampled_file("cube", second).read_bytes() for second in SECONDS} == found
+
+
+def test_reconstructed_objects_are_all_that_sampling_knows(model, workplace, objects, capsys):
+    """The reconstruction is 5 mm larger than the prepared objects, which are not even there."""
+    shown = {}
+    for name in ("cube", "can"):
+        mesh = trimesh.Trimesh(objects[name].vertices, objects[name].faces).convex_hull
+        mesh.apply_scale(1 + 0.005 / mesh.extents.max())
+        points, owners = trimesh.sample.sample_surface(mesh, 1024, seed=0)
+        arrays = (np.asarray(points), np.asarray(mesh.face_normals[owners]), np.ones(len(points), bool))
+        shown[name] = ReconstructedObject(
+            name, np.asarray(mesh.vertices), np.asarray(mesh.faces), *arrays, np.eye(4), float(mesh.volume)
+        )
+    write_reconstruction(paths.reconstruction_folder(CAPTURE), shown, {}, {})
+    prepared = Path("data/prepare")
+    prepared.rename("away")
+    try:
+        assert sample.main(["--source", "reconstructed", "--object", "cube"]) == 0, capsys.readouterr()
+        first = paths.reconstructed_file("cube", "can").read_bytes()
+        assert sample.main(["--source", "reconstructed", "--object", "cube"]) == 0
+    finally:
+        Path("away").rename(prepared)
+    assert paths.reconstructed_file("cube", "can").read_bytes() == first
+    rows = read_table(paths.reconstructed_file("cube", "can"), MERGED, "")
+    assert (rows["rejected_by"] == "").sum() == 3 and set(rows["object1"]) == {"can"}
+    assert [path.name for path in sorted(paths.reconstructed_folder("cube").iterdir())] == [
+        "can.parquet",
+        "quality.json",
+    ]
+    assert sample.main(["--source", "reconstructed", "--object", "can"]) == 2
+    assert "there is no object 'can' under `reconstructed`" in capsys.readouterr().err
 
 
 def test_own_files_give_ranked_grasps_in_the_frames_of_the_files(model, tmp_path):
