@@ -22,7 +22,10 @@ from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters
 from pipeline.records.poses import pose_matrix
 
-SECTIONS = ["seed", "physics", "evaluate"]
+
+def sections() -> list[str]:
+    """Parameter sections that a plan depends on."""
+    return ["seed", "physics", "evaluate"]
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,7 @@ def plan(
     Raises:
         UserError: an input is unusable, no motion is found, or a limit of the hardware is exceeded.
     """
-    parameters = load_parameters(SECTIONS)
+    parameters = load_parameters(sections())
     settings, physics = parameters["evaluate"], parameters["physics"]
 
     from pipeline.evaluate.limits import check_limits

