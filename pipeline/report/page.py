@@ -138,8 +138,9 @@ def headline(content: PageContent) -> str:
     for source, pairs in content.trials.items():
         mean, least = (summary[f"evaluate.{source}.{key}"] for key in ("success_rate_mean", "success_rate_min_pair"))
         title = SOURCE_TITLES[source]
-        beside = f"paper {percent(paper.MEAN_SUCCESS[source])} over its {paper.PAIRS} pairs"
-        tiles.append(("main", percent(float(mean)), f"mean success over {len(pairs)} pairs, {title} ({beside})"))
+        known = source in paper.MEAN_SUCCESS
+        beside = f" (paper {percent(paper.MEAN_SUCCESS[source])} over its {paper.PAIRS} pairs)" if known else ""
+        tiles.append(("main", percent(float(mean)), f"mean success over {len(pairs)} pairs, {title}{beside}"))
         published = f" (paper {percent(paper.MINIMUM_SUCCESS[source])})" if source in paper.MINIMUM_SUCCESS else ""
         tiles.append(("main", percent(float(least)), f"success of the worst pair, {title}{published}"))
         tiles.append(("", str(summary[f"evaluate.{source}.trials"]), f"trials with the whole robot, {title}"))
@@ -235,7 +236,11 @@ def _paper_success(summary: Mapping[str, Value], prefix: str, pairs: Sequence[Pa
     source = prefix.removeprefix("evaluate.")
     worst = f"{percent(paper.MINIMUM_SUCCESS[source])} (with the lemon)" if source in paper.MINIMUM_SUCCESS else "–"
     rows = [
-        ["mean over pairs", percent(mean), percent(paper.MEAN_SUCCESS[source])],
+        [
+            "mean over pairs",
+            percent(mean),
+            percent(paper.MEAN_SUCCESS[source]) if source in paper.MEAN_SUCCESS else "–",
+        ],
         ["worst pair", percent(least), worst],
         ["pairs at 100 %", str(perfect), str(paper.PERFECT_CELLS.get(source, "–"))],
         ["pairs", str(len(pairs)), str(paper.PAIRS)],

@@ -19,8 +19,10 @@ from pipeline.report.rates import pair_merge, pair_trials, single_grasp_funnel
 from pipeline.report.scene import UNIT, decimated, fractions, hexadecimal, shape_record, shown_grasps
 from pipeline.report.settings import described
 from pipeline.report.summary import summarize
-from pipeline.report.tables import SOURCES, Tables
+from pipeline.report.tables import RECONSTRUCTED, SOURCES, Tables
 from tests.report import made_up
+
+ALL_SOURCES = (*SOURCES, RECONSTRUCTED)
 
 
 class Balance(HTMLParser):
@@ -66,7 +68,7 @@ def tables() -> Tables:
         candidates={key: made_up.candidates(*key) for key in singles},
         validated={key: made_up.validated(*key) for key in singles},
         merged={("cube", "can"): made_up.merged("cube", "can")},
-        trials={(source, "cube"): made_up.trials("cube", ["can"], source) for source in SOURCES},
+        trials={(source, "cube"): made_up.trials("cube", ["can"], source) for source in ALL_SOURCES},
     )
 
 
@@ -82,7 +84,7 @@ def content(tables) -> PageContent:
     views, shapes = draw_views(tables, objects, settings, EvaluateParameters(), workers=1)  # type: ignore[arg-type]
     funnels = [single_grasp_funnel(*key, tables.candidates[key], tables.validated[key]) for key in tables.candidates]
     merges = [pair_merge(*key, merged) for key, merged in tables.merged.items()]
-    trials = {source: [pair_trials("cube", "can", tables.trials[source, "cube"])] for source in SOURCES}
+    trials = {source: [pair_trials("cube", "can", tables.trials[source, "cube"])] for source in ALL_SOURCES}
     learned = made_up.learned("cube", ["can"])
     return PageContent(
         summary=summarize("tiny", funnels, merges, trials, {"demo": made_up.RECONSTRUCTION}, learned),
@@ -224,7 +226,7 @@ def test_picture_files_are_the_same_every_time(content):
 
 
 def test_strips_name_the_outcome(content):
-    success, failure, *learned = content.views[0].strips
-    assert [strip.source for strip in learned] == ["learned", "learned"]
+    success, failure, *others = content.views[0].strips
+    assert [strip.source for strip in others] == ["learned", "learned", "reconstructed", "reconstructed"]
     assert isinstance(success, Strip) and not success.failed and failure.failed
     assert success.captions == ["settle", "hold"]
