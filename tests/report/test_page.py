@@ -137,7 +137,7 @@ def test_the_page_shows_the_pair_its_trials_and_the_paper(content):
         assert words in text
     page = build_page(content, "")
     assert 'data-pair="cube--can"' in page
-    assert page.count("data:image/jpeg;base64,") == 1 + 2 * (2 + 2)  # a grasp, two moments of two trials of each source
+    assert page.count("data:image/jpeg;base64,") == 1 + len(ALL_SOURCES) * (2 + 2)  # a grasp, two moments of two trials of each source
 
 
 def test_library_and_data_cannot_end_their_elements(content):
