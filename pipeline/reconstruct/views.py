@@ -74,6 +74,13 @@ def undistort_all(views: Sequence[SparseView], similarity: Similarity) -> list[V
     return [undistorted(view, similarity) for view in views]
 
 
+def undistorted_colours(view: SparseView, colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the colours (h, w, 3) of a photo as its undistorted view shows them."""
+    import cv2
+
+    return np.asarray(cv2.remap(colours, *_maps(view), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+
+
 def undistorted_normals(view: SparseView, normals: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the normal map (h, w, 3) of a photo as its undistorted view shows it.
 
