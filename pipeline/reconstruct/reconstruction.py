@@ -128,6 +128,15 @@ def accuracies(dense: dict[str, DenseObject], truth: Truth) -> dict[str, Accurac
     return found
 
 
+def _camera_errors(views: Sequence[View], truth: Truth) -> dict[str, float]:
+    """Return how far the camera centres are from where they were, mm, as far as that is known."""
+    known = [(view.centre, truth.camera_centres[view.name]) for view in views if view.name in truth.camera_centres]
+    if not known:
+        return {}
+    off = np.array([1000 * np.linalg.norm(found - true) for found, true in known])
+    return {"camera_mm_mean": float(off.mean()), "camera_mm_max": float(off.max())}
+
+
 def metrics_of(result: Reconstruction, method: str, truth: Truth | None) -> dict[str, Any]:
     """Return the figures of ``metrics.json``; lengths in mm, as people say them."""
     metrics: dict[str, Any] = {
@@ -152,27 +161,17 @@ def metrics_of(result: Reconstruction, method: str, truth: Truth | None) -> dict
             "seen_share": float(item.seen.mean()),
             "volume_cm3": 1e6 * item.volume,
         }
-    if truth is None:
-        return metrics
-    centres = [
-        np.linalg.norm(view.centre - truth.camera_centres[view.name])
-        for view in result.views
-        if view.name in truth.camera_centres
-    ]
-    if centres:
-        metrics["camera_mm_mean"], metrics["camera_mm_max"] = (
-            1000 * float(np.mean(centres)),
-            1000 * float(np.max(centres)),
-        )
-    found = accuracies(result.dense, truth)
-    for name, accuracy in found.items():
-        metrics["objects"][name].update(
-            chamfer_mm=1000 * accuracy.chamfer,
-            accuracy_mm=1000 * accuracy.accuracy,
-            completeness_mm=1000 * accuracy.completeness,
-            completeness_mm_p95=1000 * accuracy.completeness_p95,
-            f_score_2mm=accuracy.f_score,
-        )
-    if found:
-        metrics["chamfer_mm_max"] = 1000 * max(accuracy.chamfer for accuracy in found.values())
+    if truth is not None:
+        metrics |= _camera_errors(result.views, truth)
+        found = accuracies(result.dense, truth)
+        for name, accuracy in found.items():
+            metrics["objects"][name] |= {
+                "chamfer_mm": 1000 * accuracy.chamfer,
+                "accuracy_mm": 1000 * accuracy.accuracy,
+                "completeness_mm": 1000 * accuracy.completeness,
+                "completeness_mm_p95": 1000 * accuracy.completeness_p95,
+                "f_score_2mm": accuracy.f_score,
+            }
+        if found:
+            metrics["chamfer_mm_max"] = 1000 * max(accuracy.chamfer for accuracy in found.values())
     return metrics
