@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from pipeline.compute.fan_out import worker_count
 from pipeline.reconstruct.accuracy import Accuracy, compare
 from pipeline.reconstruct.alignment import Alignment, align
 from pipeline.reconstruct.dense import DenseObject, dense_objects
+from pipeline.reconstruct.normal_maps import normal_files, read_normals
 from pipeline.reconstruct.photos import read_photos
 from pipeline.reconstruct.sparse import SparseModel, sparse_model
 from pipeline.reconstruct.surface import Surface, samples_of
@@ -66,6 +66,7 @@ def reconstruct(capture: Capture, settings: ReconstructParameters, seed: int, wo
         UserError: the photos, the tags or an object do not allow it; the text says which and what to do.
     """
     photos = read_photos(capture)
+    normals = normal_files(capture, photos) if settings.method == "2dgs" else {}
     sightings = {photo.name: detect_tags(photo, capture.tags) for photo in photos}
     if not any(sightings.values()):
         raise UserError(
@@ -77,16 +78,14 @@ def reconstruct(capture: Capture, settings: ReconstructParameters, seed: int, wo
     alignment = align(located, capture.tags, settings.alignment)
     views = undistort_all(sparse.views, alignment.similarity)
     dense = dense_objects(views, capture.scene, settings.sweep, settings.surface, workers)
-    priors = {}
+    priors = {
+        view.photo.name: undistorted_normals(view, read_normals(normals[view.photo.name]))
+        for view in sparse.views
+        if view.photo.name in normals
+    }
     if settings.method == "2dgs":
-        from pipeline.reconstruct.splatting import read_normals, splatted_objects
+        from pipeline.reconstruct.splatting import splatted_objects
 
-        files = {view.photo.name: capture.beside("normals", Path(view.photo.name)) for view in sparse.views}
-        priors = {
-            view.photo.name: undistorted_normals(view, read_normals(path))
-            for view in sparse.views
-            if (path := files[view.photo.name]) is not None
-        }
         dense = splatted_objects(views, dense, priors, capture.scene, settings, seed, workers)
     objects = {
         name: in_object_frame(name, capture.scene.objects[name], found, settings.surface.points, seed)
