@@ -25,7 +25,7 @@ from pipeline.records.writing import whole_folder, write_json
 
 @dataclass(frozen=True)
 class _Shot:
-    """One photo to be taken; ``scene`` is shared by all, and hashed by identity."""
+    """One photo to be taken."""
 
     solids: tuple[Solid, ...]
     settings: RenderingParameters

@@ -21,12 +21,15 @@ def run(name: str) -> None:
     seed, source, settings = load_parameters(sections(name)).values()
     folder = Path(source.folder)
     capture, truth = read_capture(folder), read_truth(folder)
+    from pipeline.reconstruct.picture import pictures_of
     from pipeline.reconstruct.reconstruction import cameras_of, metrics_of, reconstruct
     from pipeline.records.reconstructions import write_reconstruction
 
     result = reconstruct(capture, settings, seed, read_parameters().compute.workers)
     metrics = metrics_of(result, settings.method, truth)
-    write_reconstruction(paths.reconstruction_folder(name), result.objects, cameras_of(result.views), metrics)
+    pictures = pictures_of(capture, result.sparse.views, result.views, result.dense)
+    cameras = cameras_of(result.views)
+    write_reconstruction(paths.reconstruction_folder(name), result.objects, cameras, metrics, pictures)
 
 
 def main() -> int:

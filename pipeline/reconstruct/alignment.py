@@ -58,22 +58,33 @@ def fit_similarity(source: NDArray[np.float64], target: NDArray[np.float64]) -> 
     return Similarity(scale, rotation, b - scale * rotation @ a)
 
 
-def _check_size(
-    located: Mapping[int, Mapping[int, NDArray[np.float64]]], similarity: Similarity, layout: TagLayout
-) -> None:
-    """Compare the tags' edges with their distances from each other: the layout may contradict itself."""
-    edges = [
-        np.linalg.norm(corners[k] - corners[(k + 1) % 4])
-        for corners in located.values()
-        for k in range(4)
-        if k in corners and (k + 1) % 4 in corners
-    ]
-    ratio = float(np.median(edges)) * similarity.scale / layout.size if edges else 1.0
-    if abs(ratio - 1) > SIZE_TOLERANCE:
+def _check_size(located: Mapping[int, Mapping[int, NDArray[np.float64]]], layout: TagLayout, tolerance: float) -> None:
+    """Compare the tags' edges with their distances from each other: the layout may contradict itself.
+
+    Scale comes from the tags' middles, which a wrong size does not move, where they lie as the layout says to within
+    ``tolerance`` (m). Three are needed.
+
+    Raises:
+        UserError: tags of another size fit the layout.
+    """
+    whole = {
+        number: np.array([corners[k] for k in range(4)]) for number, corners in located.items() if len(corners) == 4
+    }
+    if len(whole) < 3:
+        return
+    truth = layout.corners()
+    middles = np.array([corners.mean(axis=0) for corners in whole.values()])
+    wanted = np.array([truth[number].mean(axis=0) for number in whole])
+    similarity = fit_similarity(middles, wanted)
+    if np.linalg.norm(similarity.points(middles) - wanted, axis=1).max() >= tolerance:
+        return
+    edges = [np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=1) for corners in whole.values()]
+    size = float(np.median(edges)) * similarity.scale
+    if abs(size / layout.size - 1) > SIZE_TOLERANCE:
         raise UserError(
             "tags.yaml contradicts itself: if the tags' positions are right, the tags are "
-            f"{1000 * ratio * layout.size:.1f} mm large, not {1000 * layout.size:.1f}; measure a printed black square "
-            "and the distances again."
+            f"{1000 * size:.1f} mm large, not {1000 * layout.size:.1f}; measure a printed black square and the "
+            "distances again."
         )
 
 
@@ -85,7 +96,7 @@ def align(
     Corners farther off than max(3 medians, 2 mm) are dropped once.
 
     Raises:
-        UserError: too few tags were located, or they do not lie as ``tags.yaml`` says.
+        UserError: too few tags were located, or they are not as large or do not lie as ``tags.yaml`` says.
     """
     if len(located) < settings.least_tags:
         seen = ", ".join(str(number) for number in located) or "none"
@@ -99,17 +110,7 @@ def align(
     target = np.array([truth[number][corner] for number, corner in keys])
     if len(keys) < 4:
         raise UserError("fewer than four tag corners were located; take sharper photos of the tags.")
-    # Scale and place by the middles of the tags where there are enough of them: a wrong size does not move a middle.
-    middles = {n: np.mean(list(c.values()), axis=0) for n, c in located.items() if len(c) == 4}
-    if len(middles) >= 3:
-        own = fit_similarity(
-            np.array(list(middles.values())), np.array([truth[number].mean(axis=0) for number in middles])
-        )
-        off = np.linalg.norm(
-            own.points(np.array(list(middles.values()))) - [truth[n].mean(axis=0) for n in middles], axis=1
-        )
-        if off.max() < settings.largest_residual:
-            _check_size(located, own, layout)
+    _check_size(located, layout, settings.largest_residual)
     similarity = fit_similarity(source, target)
     off = np.linalg.norm(similarity.points(source) - target, axis=1)
     kept = off <= max(3 * np.median(off), 0.002)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +30,8 @@ class Photo:
         return self.grey.shape[1], self.grey.shape[0]
 
 
-def read_grey(path: Path) -> NDArray[np.uint8]:
-    """Return the pixels (h, w) of a photo, turned as its EXIF data say.
+def _read(path: Path, mode: Literal["L", "RGB"]) -> NDArray[np.uint8]:
+    """Return the pixels of a photo, turned as its EXIF data say: (h, w), or (h, w, 3) in colour.
 
     Raises:
         UserError: the file is no readable picture, or a very small one.
@@ -39,16 +40,32 @@ def read_grey(path: Path) -> NDArray[np.uint8]:
 
     try:
         with Image.open(path) as picture:
-            grey = np.asarray(ImageOps.exif_transpose(picture).convert("L"))
+            pixels = np.asarray(ImageOps.exif_transpose(picture).convert(mode))
     except UnidentifiedImageError as error:
         raise UserError(
             f"{path} is no JPEG or PNG picture whatever its name says (HEIC, perhaps); convert it to JPEG or remove it."
         ) from error
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise UserError(f"{path} is damaged ({error}); copy it from the camera again, or remove it.") from error
-    if min(grey.shape) < SMALLEST_SIDE:
-        raise UserError(f"{path} has only {grey.shape[1]} x {grey.shape[0]} pixels; use the photo itself, no preview.")
-    return grey
+    if min(pixels.shape[:2]) < SMALLEST_SIDE:
+        raise UserError(
+            f"{path} has only {pixels.shape[1]} x {pixels.shape[0]} pixels; use the photo itself, no preview."
+        )
+    return pixels
+
+
+def read_grey(path: Path) -> NDArray[np.uint8]:
+    """Return the brightness (h, w) of a photo, upright.
+
+    Raises:
+        UserError: the file is no readable picture, or a very small one.
+    """
+    return _read(path, "L")
+
+
+def read_colours(path: Path) -> NDArray[np.uint8]:
+    """Return the colours (h, w, 3) of a photo, upright; raises as :func:`read_grey`."""
+    return _read(path, "RGB")
 
 
 def read_photos(capture: Capture, images: Sequence[Path] | None = None) -> list[Photo]:

@@ -20,8 +20,10 @@ from pipeline.records.parameters.reconstruct import SweepParameters
 LEAST_CONTRAST = 0.008  # standard deviation of a window's brightness (0 to 1) that can be told from noise
 SECOND_REACH = 0.004  # m, that the second sweep looks to both sides of the first surface
 SECOND_STEPS = 25
-LEAST_TELLING, LIKENESS_PERCENTILE = 60, 80
 SECOND_ANGLE = 75.0  # degrees between ray and normal beyond which a surface is seen too flatly
+SMALLEST_ANGLE, LARGEST_ANGLE = 3.0, 50.0  # degrees between photos that are compared
+LEAST_TELLING = 60  # windows with contrast that two photos must share to be called alike or not
+LIKENESS_PERCENTILE = 80  # of their correlations: the lower ones may still be covered by something else
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,10 @@ class Window:
     top: int
     width: int
     height: int
+
+    def of(self, image: NDArray[Any]) -> NDArray[Any]:
+        """Return this part of an image (h, w)."""
+        return np.ascontiguousarray(image[self.top : self.top + self.height, self.left : self.left + self.width])
 
     def centres(self) -> NDArray[np.float64]:
         """Return pixel positions (h * w, 2), centres at .5."""
@@ -84,7 +90,7 @@ def neighbours(
             its = views[other].centre - middle
             cosine = own @ its / np.linalg.norm(own) / np.linalg.norm(its)
             angles[other] = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
-    useful = [other for other, angle in angles.items() if 3.0 < angle < 50.0]
+    useful = [other for other, angle in angles.items() if SMALLEST_ANGLE < angle < LARGEST_ANGLE]
     return sorted(useful, key=lambda other: abs(angles[other] - settings.baseline_degrees))[: settings.neighbours]
 
 
@@ -140,8 +146,26 @@ def _kept(
     """Return where (h, w) a depth can be believed: it correlates, and the window shows something."""
     good = (score >= least) & (reference.variance > LEAST_CONTRAST**2)
     if view.usable is not None:
-        good &= view.usable[window.top : window.top + window.height, window.left : window.left + window.width]
+        good &= window.of(view.usable)
     return np.asarray(good)
+
+
+def _homographies(
+    own: View, others: Sequence[View], window: Window
+) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Return per other view the homography (3, 3) of the plane at infinity and the epipole (3,).
+
+    They lead from OpenCV's indices within the window to those of the other photo. For the plane at a depth d, the
+    epipole / d is added to the last column.
+    """
+    from_window = np.array([[1, 0, window.left + 0.5], [0, 1, window.top + 0.5], [0, 0, 1.0]])
+    to_index = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])  # pixel centres lie at .5, OpenCV's at whole numbers
+    found = []
+    for other in others:
+        relative = other.T_camera_scene @ np.linalg.inv(own.T_camera_scene)
+        infinite = to_index @ other.K @ relative[:3, :3] @ np.linalg.inv(own.K) @ from_window
+        found.append((infinite, to_index @ other.K @ relative[:3, 3]))
+    return found
 
 
 def sweep(
@@ -161,28 +185,18 @@ def sweep(
     """
     import cv2
 
-    own = views[view]
-    image = np.ascontiguousarray(
-        own.image[window.top : window.top + window.height, window.left : window.left + window.width]
-    )
-    reference = _Reference(image, settings.window)
+    own, compared = views[view], [views[other] for other in others]
+    reference = _Reference(window.of(own.image), settings.window)
+    homographies = _homographies(own, compared, window)
     inverse = np.linspace(1 / nearest, 1 / farthest, settings.planes)
-    # Pixels with centres at .5 <-> OpenCV's indices within the window.
-    from_window = np.array([[1, 0, window.left + 0.5], [0, 1, window.top + 0.5], [0, 0, 1.0]])
-    to_index = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])
     volume = np.empty((settings.planes, window.height, window.width), np.float32)
-    fixed = []
-    for other in others:
-        relative = views[other].T_camera_scene @ np.linalg.inv(own.T_camera_scene)
-        infinite = to_index @ views[other].K @ relative[:3, :3] @ np.linalg.inv(own.K) @ from_window
-        fixed.append((views[other].image, infinite, to_index @ views[other].K @ relative[:3, 3]))
     scores = np.empty((len(others), window.height, window.width), np.float32)
     for plane, inverse_depth in enumerate(inverse):
-        for index, (source, infinite, epipole) in enumerate(fixed):
+        for index, (infinite, epipole) in enumerate(homographies):
             homography = infinite.copy()
-            homography[:, 2] += inverse_depth * epipole  # the plane z = depth: n^T x / d = inverse depth
+            homography[:, 2] += inverse_depth * epipole
             warped = cv2.warpPerspective(
-                source,
+                compared[index].image,
                 homography,
                 (window.width, window.height),
                 flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
@@ -196,6 +210,48 @@ def sweep(
     ends = (position < 0.5) | (position > settings.planes - 1.5)
     good = _kept(own, window, reference, score, settings.least_correlation) & ~ends
     return DepthMap(view, window, np.where(good, depth, 0).astype(np.float32), score)
+
+
+@dataclass(frozen=True)
+class _Lines:
+    """Where another photo shows the pixels of a window, by their depth."""
+
+    image: NDArray[np.float32]
+    directions: NDArray[np.float32]  # (h * w, 3): homogeneous pixel = direction * depth + start
+    start: NDArray[np.float32]  # (3,)
+
+    @staticmethod
+    def between(own: View, other: View, window: Window) -> _Lines:
+        """Return the lines of one other view."""
+        rays = np.concatenate([window.centres(), np.ones((window.width * window.height, 1))], axis=1)
+        rays = rays @ np.linalg.inv(own.K).T
+        relative = other.T_camera_scene @ np.linalg.inv(own.T_camera_scene)
+        directions = rays @ (other.K @ relative[:3, :3]).T
+        return _Lines(other.image, directions.astype(np.float32), (other.K @ relative[:3, 3]).astype(np.float32))
+
+    def warped(self, depth: NDArray[np.float32]) -> NDArray[Any]:
+        """Return what the photo shows where the window's pixels have ``depth`` (h, w); NaN outside of it."""
+        import cv2
+
+        pixels = self.directions * depth.reshape(-1, 1) + self.start
+        place = (pixels[:, :2] / pixels[:, 2:] - np.float32(0.5)).reshape(*depth.shape, 2)
+        columns, rows = np.ascontiguousarray(place[..., 0]), np.ascontiguousarray(place[..., 1])
+        return cv2.remap(
+            self.image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=float("nan")
+        )
+
+
+def _likeness(scores: NDArray[np.float32], telling: NDArray[np.bool_]) -> tuple[float, ...]:
+    """Return how alike the window and each photo are on a known surface, for photos that share enough of it.
+
+    Args:
+        scores: (photos, h, w) correlations on that surface.
+        telling: (photos, h, w) where both see it, and it shows something.
+    """
+    pairs = zip(scores, telling, strict=True)
+    return tuple(
+        float(np.percentile(score[both], LIKENESS_PERCENTILE)) for score, both in pairs if both.sum() >= LEAST_TELLING
+    )
 
 
 def follow(
@@ -218,51 +274,25 @@ def follow(
     import cv2
     from scipy.ndimage import distance_transform_edt
 
-    own = views[view]
-    image = np.ascontiguousarray(
-        own.image[window.top : window.top + window.height, window.left : window.left + window.width]
-    )
-    reference = _Reference(image, settings.window)
-    rays = np.concatenate([window.centres(), np.ones((window.width * window.height, 1))], axis=1)
-    rays = rays @ np.linalg.inv(own.K).T
-    seen = base > 0
+    own, seen = views[view], base > 0
     if not seen.any():
         empty = np.zeros(base.shape, np.float32)
         return DepthMap(view, window, empty, empty)
-    telling = seen & (reference.variance > LEAST_CONTRAST**2)
-    likeness: list[float] = []
+    reference = _Reference(window.of(own.image), settings.window)
     # Windows reach beyond the surface's outline and over what is seen too flatly: it goes on there as at its edge.
     nearest = distance_transform_edt(~seen, return_distances=False, return_indices=True)
     extended = base[tuple(nearest)]
+    lines = [_Lines.between(own, views[other], window) for other in others]
     offsets = np.linspace(-reach, reach, SECOND_STEPS)
     volume = np.empty((SECOND_STEPS, window.height, window.width), np.float32)
-    scores = np.empty((len(others), window.height, window.width), np.float32)
-    directions, starts = [], []
-    for other in others:
-        relative = views[other].T_camera_scene @ np.linalg.inv(own.T_camera_scene)
-        directions.append((rays @ (views[other].K @ relative[:3, :3]).T).astype(np.float32))
-        starts.append((views[other].K @ relative[:3, 3]).astype(np.float32))
+    likeness: tuple[float, ...] = ()
     for step, offset in enumerate(offsets):
-        depth = extended.reshape(-1, 1) + np.float32(offset)
-        for index, other in enumerate(others):
-            pixels = directions[index] * depth + starts[index]
-            place = (pixels[:, :2] / pixels[:, 2:] - np.float32(0.5)).reshape(window.height, window.width, 2)
-            warped = cv2.remap(
-                views[other].image,
-                np.ascontiguousarray(place[..., 0]),
-                np.ascontiguousarray(place[..., 1]),
-                cv2.INTER_LINEAR,
-                borderMode=cv2.BORDER_CONSTANT,
-                borderValue=float("nan"),
-            )
-            scores[index] = reference.correlation(warped)
-            both = telling & visible[index]
-            if step == SECOND_STEPS // 2 and both.sum() >= LEAST_TELLING:
-                # The better part of the windows: the rest may still be covered by something else.
-                likeness.append(float(np.percentile(scores[index][both], LIKENESS_PERCENTILE)))
+        scores = np.array([reference.correlation(line.warped(extended + np.float32(offset))) for line in lines])
+        if step == SECOND_STEPS // 2:
+            likeness = _likeness(scores, visible & seen & (reference.variance > LEAST_CONTRAST**2))
         volume[step] = cv2.boxFilter(_best_half(scores), cv2.CV_32F, (3, 3))
     position, score = _peak(volume)
     depth = base + np.interp(position, np.arange(SECOND_STEPS), offsets).astype(np.float32)
     ends = (position < 0.5) | (position > SECOND_STEPS - 1.5)
     good = _kept(own, window, reference, score, settings.least_correlation) & ~ends & seen
-    return DepthMap(view, window, np.where(good, depth, 0).astype(np.float32), score, tuple(likeness))
+    return DepthMap(view, window, np.where(good, depth, 0).astype(np.float32), score, likeness)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from pipeline.compute.fan_out import worker_count
 from pipeline.reconstruct.accuracy import Accuracy, compare
 from pipeline.reconstruct.alignment import Alignment, align
 from pipeline.reconstruct.dense import DenseObject, dense_objects
+from pipeline.reconstruct.normal_maps import normal_files, read_normals
 from pipeline.reconstruct.photos import read_photos
 from pipeline.reconstruct.sparse import SparseModel, sparse_model
 from pipeline.reconstruct.surface import Surface, samples_of
@@ -66,6 +66,7 @@ def reconstruct(capture: Capture, settings: ReconstructParameters, seed: int, wo
         UserError: the photos, the tags or an object do not allow it; the text says which and what to do.
     """
     photos = read_photos(capture)
+    normals = normal_files(capture, photos) if settings.method == "2dgs" else {}
     sightings = {photo.name: detect_tags(photo, capture.tags) for photo in photos}
     if not any(sightings.values()):
         raise UserError(
@@ -77,16 +78,14 @@ def reconstruct(capture: Capture, settings: ReconstructParameters, seed: int, wo
     alignment = align(located, capture.tags, settings.alignment)
     views = undistort_all(sparse.views, alignment.similarity)
     dense = dense_objects(views, capture.scene, settings.sweep, settings.surface, workers)
-    priors = {}
+    priors = {
+        view.photo.name: undistorted_normals(view, read_normals(normals[view.photo.name]))
+        for view in sparse.views
+        if view.photo.name in normals
+    }
     if settings.method == "2dgs":
-        from pipeline.reconstruct.splatting import read_normals, splatted_objects
+        from pipeline.reconstruct.splatting import splatted_objects
 
-        files = {view.photo.name: capture.beside("normals", Path(view.photo.name)) for view in sparse.views}
-        priors = {
-            view.photo.name: undistorted_normals(view, read_normals(path))
-            for view in sparse.views
-            if (path := files[view.photo.name]) is not None
-        }
         dense = splatted_objects(views, dense, priors, capture.scene, settings, seed, workers)
     objects = {
         name: in_object_frame(name, capture.scene.objects[name], found, settings.surface.points, seed)
@@ -128,6 +127,15 @@ def accuracies(dense: dict[str, DenseObject], truth: Truth) -> dict[str, Accurac
     return found
 
 
+def _camera_errors(views: Sequence[View], truth: Truth) -> dict[str, float]:
+    """Return how far the camera centres are from where they were, mm, as far as that is known."""
+    known = [(view.centre, truth.camera_centres[view.name]) for view in views if view.name in truth.camera_centres]
+    if not known:
+        return {}
+    off = np.array([1000 * np.linalg.norm(found - true) for found, true in known])
+    return {"camera_mm_mean": float(off.mean()), "camera_mm_max": float(off.max())}
+
+
 def metrics_of(result: Reconstruction, method: str, truth: Truth | None) -> dict[str, Any]:
     """Return the figures of ``metrics.json``; lengths in mm, as people say them."""
     metrics: dict[str, Any] = {
@@ -152,27 +160,17 @@ def metrics_of(result: Reconstruction, method: str, truth: Truth | None) -> dict
             "seen_share": float(item.seen.mean()),
             "volume_cm3": 1e6 * item.volume,
         }
-    if truth is None:
-        return metrics
-    centres = [
-        np.linalg.norm(view.centre - truth.camera_centres[view.name])
-        for view in result.views
-        if view.name in truth.camera_centres
-    ]
-    if centres:
-        metrics["camera_mm_mean"], metrics["camera_mm_max"] = (
-            1000 * float(np.mean(centres)),
-            1000 * float(np.max(centres)),
-        )
-    found = accuracies(result.dense, truth)
-    for name, accuracy in found.items():
-        metrics["objects"][name].update(
-            chamfer_mm=1000 * accuracy.chamfer,
-            accuracy_mm=1000 * accuracy.accuracy,
-            completeness_mm=1000 * accuracy.completeness,
-            completeness_mm_p95=1000 * accuracy.completeness_p95,
-            f_score_2mm=accuracy.f_score,
-        )
-    if found:
-        metrics["chamfer_mm_max"] = 1000 * max(accuracy.chamfer for accuracy in found.values())
+    if truth is not None:
+        metrics |= _camera_errors(result.views, truth)
+        found = accuracies(result.dense, truth)
+        for name, accuracy in found.items():
+            metrics["objects"][name] |= {
+                "chamfer_mm": 1000 * accuracy.chamfer,
+                "accuracy_mm": 1000 * accuracy.accuracy,
+                "completeness_mm": 1000 * accuracy.completeness,
+                "completeness_mm_p95": 1000 * accuracy.completeness_p95,
+                "f_score_2mm": accuracy.f_score,
+            }
+        if found:
+            metrics["chamfer_mm_max"] = 1000 * max(accuracy.chamfer for accuracy in found.values())
     return metrics

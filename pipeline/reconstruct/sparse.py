@@ -40,13 +40,18 @@ class SparseModel:
     photos: int  # how many there were
 
 
+def _file(photo: Photo) -> str:
+    """Return where COLMAP finds a photo: photos of one size in one folder, taken for one camera."""
+    return f"{photo.size[0]}x{photo.size[1]}/{photo.name}.png"
+
+
 def _write_photos(photos: Sequence[Photo], folder: Path) -> list[str]:
-    """Write the photos by size, as one camera took all of a size; return their names below ``folder/images``."""
+    """Write the photos and their masks; return the photos' names below ``folder/images``."""
     from PIL import Image
 
     names = []
     for photo in photos:
-        name = f"{photo.size[0]}x{photo.size[1]}/{photo.name}.png"
+        name = _file(photo)
         for kind, pixels in (("images", photo.grey), ("masks", photo.usable)):
             if pixels is None:
                 continue
@@ -111,6 +116,18 @@ def _map(folder: Path, settings: SparseParameters, calibrated: bool, seed: int) 
     return dict(pycolmap.incremental_mapping(database, images, target, options))
 
 
+def _views(model: Any, photos: Sequence[Photo]) -> tuple[SparseView, ...]:
+    """Return the photos of a model of COLMAP that have a pose, in the order of their names."""
+    by_file = {_file(photo): photo for photo in photos}
+    views = []
+    for image in model.images.values():
+        if image.has_pose:
+            T = np.eye(4)
+            T[:3] = image.cam_from_world().matrix()
+            views.append(SparseView(by_file[image.name], model.camera(image.camera_id), T))
+    return tuple(sorted(views, key=lambda view: view.photo.name))
+
+
 def sparse_model(
     photos: Sequence[Photo],
     intrinsics: Intrinsics | None,
@@ -149,13 +166,5 @@ def sparse_model(
             f"only {registered} of {len(photos)} photos fit together; take more of them with smaller steps between, "
             "sharp, and with something textured (a printed cloth) on the table."
         )
-    by_name = {f"{photo.size[0]}x{photo.size[1]}/{photo.name}.png": photo for photo in photos}
-    views = []
-    for image in best.images.values():
-        if image.has_pose:
-            T = np.eye(4)
-            T[:3] = image.cam_from_world().matrix()
-            views.append(SparseView(by_name[image.name], best.camera(image.camera_id), T))
     points = np.array([point.xyz for _, point in sorted(best.points3D.items())], np.float64).reshape(-1, 3)
-    views.sort(key=lambda view: view.photo.name)
-    return SparseModel(tuple(views), points, float(best.compute_mean_reprojection_error()), len(photos))
+    return SparseModel(_views(best, photos), points, float(best.compute_mean_reprojection_error()), len(photos))

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -27,13 +25,13 @@ from pipeline.reconstruct.tsdf import DistanceField
 from pipeline.reconstruct.views import View
 from pipeline.reconstruct.visibility import Bodies
 from pipeline.records.captures import Scene
-from pipeline.records.errors import UserError
 from pipeline.records.parameters.reconstruct import ReconstructParameters, SplatParameters
 from pipeline.records.seeds import item_generator
 
 # Adam's steps: metres for centres, radians about, logarithms, logits.
 RATES = {"centre": 2e-5, "rotation": 2e-3, "extent": 5e-3, "opacity": 2e-2, "brightness": 5e-3}
 INITIAL_OPACITY = 0.8
+LEAST_PIXELS = 50  # that show the object; a photo with fewer is left out
 LEAST_COVER = 0.5  # of a pixel whose depth is fused
 FOLLOWED_ANGLE = 85.0  # degrees between ray and normal beyond which a pixel is not used
 LARGEST_SLOPE = 0.2  # cosine between ray and normal below which a rendered depth is not fused
@@ -296,42 +294,12 @@ def splatted_objects(
     Args:
         priors: per view name its undistorted normal map (h, w, 3), camera frame; may be empty.
     """
-    bodies = Bodies([found.surface for found in dense.values()])
+    bodies, scale = Bodies([found.surface for found in dense.values()]), settings.splat.image_scale
     tasks = []
     for number, (name, found) in enumerate(dense.items()):
-        shown = tuple(
-            view
-            for index, window in found.windows.items()
-            if (
-                view := shrunk_view(
-                    views[index], window, bodies, number, settings.splat.image_scale, priors.get(views[index].name)
-                )
-            ).shows.sum()
-            >= 50
-        )
+        windows = [(views[index], window) for index, window in found.windows.items()]
+        shrunk = [shrunk_view(view, window, bodies, number, scale, priors.get(view.name)) for view, window in windows]
+        shown = tuple(view for view in shrunk if view.shows.sum() >= LEAST_PIXELS)
         tasks.append(_Task(name, found, shown, scene.support_plane, settings, seed))
     done = fan_out(_splat, tasks, workers, "splatting")
     return {task.name: found for task, found in zip(tasks, done, strict=True)}
-
-
-def read_normals(path: Path) -> NDArray[np.float32]:
-    """Return a normal map (h, w, 3), unit vectors in the camera frame, 0 where unknown.
-
-    Raises:
-        UserError: the file is damaged or has another shape.
-    """
-    from PIL import Image
-
-    try:
-        if path.suffix == ".npy":
-            normals: Any = np.load(path, allow_pickle=False)
-        else:
-            with Image.open(path) as picture:
-                normals = np.asarray(picture.convert("RGB"), np.float32) / 255 * 2 - 1
-        normals = np.asarray(normals, np.float32)
-    except (OSError, ValueError) as error:
-        raise UserError(f"{path} is no normal map ({error}); save it as .npy (h, w, 3) or as .png.") from error
-    if normals.ndim != 3 or normals.shape[2] != 3 or not np.isfinite(normals).all():
-        raise UserError(f"{path} has shape {normals.shape}; a normal map has three finite numbers per pixel.")
-    length = np.linalg.norm(normals, axis=2, keepdims=True)
-    return np.where(length > 0.5, normals / np.maximum(length, 1e-6), 0).astype(np.float32)

@@ -20,7 +20,7 @@ SUPPORT_COSINE = 0.8
 LOW_BAND = 0.008  # m: so much of the lowest that was measured tells where the object meets the support
 # m over the support: an object that was measured down to the first goes straight on, above the second it is round.
 STRAIGHT_DOWN, ROUND_BELOW = 0.004, 0.010
-SECTORS = 48
+SECTORS, LEAST_IN_SECTOR = 48, 5  # directions around an object, and points that one needs
 SIMPLIFIED = 0.00003  # m: edges shorter than that, and what is flat to that, take fewer triangles
 SEEN = 0.003  # m: farther from all measured points the surface is a guess
 CANDIDATES_PER_SAMPLE = 10
@@ -79,6 +79,71 @@ def oriented(points: Points) -> Any:
     return cloud
 
 
+@dataclass(frozen=True)
+class _Foot:
+    """How an object meets its support, per direction (n,) from its middle in which something was measured; in m."""
+
+    middle: NDArray[np.float64]  # (2,)
+    angles: NDArray[np.float64]
+    gaps: NDArray[np.float64]  # height of the lowest that was measured
+    starts: NDArray[np.float64]  # distance from the middle there
+    tangents: NDArray[np.float64]  # the same where the tangent of the surface there meets the support
+    ends: NDArray[np.float64]  # the same where the surface is taken to meet it
+
+    @staticmethod
+    def of(positions: NDArray[np.float64], normals: NDArray[np.float64], height: NDArray[np.float64]) -> _Foot | None:
+        """Return the foot of points (n, 3) with their heights (n,) over the support; None when nothing tells."""
+        lower = height < np.percentile(height, 50)
+        p, n, h = positions[lower], normals[lower], height[lower]
+        middle = (p[:, :2].min(axis=0) + p[:, :2].max(axis=0)) / 2
+        angle = np.arctan2(p[:, 1] - middle[1], p[:, 0] - middle[0])
+        sector = np.floor((angle + np.pi) / (2 * np.pi) * SECTORS).astype(np.int64) % SECTORS
+        known = []
+        for k in range(SECTORS):
+            own = np.flatnonzero(sector == k)
+            if len(own) < LEAST_IN_SECTOR:
+                continue
+            gap = float(np.percentile(h[own], 3))
+            own = own[h[own] < gap + LOW_BAND]
+            level = np.maximum(np.linalg.norm(n[own, :2], axis=1), 1e-3)
+            # Along the steepest tangent, hardly outwards whatever a noisy normal says.
+            slope = np.clip(n[own, 2] / level, -1, 0.3)
+            start = float(np.median(np.linalg.norm(p[own, :2] - middle, axis=1) + slope * (h[own] - gap)))
+            tangent = max(start + float(np.median(slope)) * gap, 0.0)
+            roundness = np.clip((gap - STRAIGHT_DOWN) / (ROUND_BELOW - STRAIGHT_DOWN), 0, 1)
+            end = max(tangent - roundness * float(np.hypot(gap, start - tangent)), 0.0)
+            known.append(((k + 0.5) / SECTORS * 2 * np.pi - np.pi, gap, start, tangent, end))
+        return _Foot(middle, *np.array(known).T) if known else None
+
+    def around(self, values: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return ``values``, known in the directions that were measured, at ``angles`` (m,)."""
+        return np.asarray(np.interp(angles, self.angles, values, period=2 * np.pi))
+
+    def wall(self, spacing: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return points (n, 3), heights over the support, and normals from what was measured down to the support."""
+        angles = np.arange(-np.pi, np.pi, spacing / max(float(self.starts.max()), spacing))
+        steps = max(int(np.ceil(1.5 * float((self.gaps + self.starts - self.ends).max()) / spacing)), 2)
+        t = np.linspace(0, 1, steps, endpoint=False)[:, None]  # 0: where measured points end, 1: on the support
+        columns = (self.gaps, self.starts, self.tangents, self.ends)
+        gap, start, tangent, end = (self.around(values, angles) for values in columns)
+        radius = (1 - t) ** 2 * start + 2 * t * (1 - t) * tangent + t**2 * end
+        x, y = self.middle[0] + radius * np.cos(angles), self.middle[1] + radius * np.sin(angles)
+        points = np.stack([x, y, gap * (1 - t) ** 2], axis=-1)
+        out = gap * (1 - t)
+        down = (1 - t) * (start - tangent) + t * (tangent - end)
+        normals = np.stack([out * np.cos(angles), out * np.sin(angles), -down], axis=-1)
+        normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
+        return points.reshape(-1, 3), normals.reshape(-1, 3)
+
+    def base(self, spacing: float) -> NDArray[np.float64]:
+        """Return positions (n, 2) all over the base."""
+        largest = float(self.ends.max())
+        axis = np.arange(-largest, largest + spacing, spacing)
+        grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+        reach = self.around(self.ends, np.arctan2(grid[:, 1], grid[:, 0]))
+        return np.asarray(grid[np.linalg.norm(grid, axis=1) <= reach] + self.middle)
+
+
 def assumed_base(
     positions: NDArray[np.float64], normals: NDArray[np.float64], support: float, spacing: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -89,55 +154,16 @@ def assumed_base(
     support it goes straight down; where they end high above it, the underside is taken to be round: an arc (a parabola
     with the two tangents of the circle) from that tangent into the support. Below lies a flat base.
     """
-    height = positions[:, 2] - support
-    lower = height < np.percentile(height, 50)
-    p, n, h = positions[lower], normals[lower], height[lower]
-    middle = (p[:, :2].min(axis=0) + p[:, :2].max(axis=0)) / 2
-    angle = np.arctan2(p[:, 1] - middle[1], p[:, 0] - middle[0])
-    sector = np.floor((angle + np.pi) / (2 * np.pi) * SECTORS).astype(np.int64) % SECTORS
-    known = []  # per direction that was measured: angle, lowest height, radius there, at the tangent's foot, at the end
-    for k in range(SECTORS):
-        own = np.flatnonzero(sector == k)
-        if len(own) < 5:
-            continue
-        gap = float(np.percentile(h[own], 3))
-        own = own[h[own] < gap + LOW_BAND]
-        level = np.maximum(np.linalg.norm(n[own, :2], axis=1), 1e-3)
-        # Along the steepest tangent, hardly outwards whatever a noisy normal says.
-        slope = np.clip(n[own, 2] / level, -1, 0.3)
-        start = float(np.median(np.linalg.norm(p[own, :2] - middle, axis=1) + slope * (h[own] - gap)))
-        foot = max(start + float(np.median(slope)) * gap, 0.0)
-        roundness = np.clip((gap - STRAIGHT_DOWN) / (ROUND_BELOW - STRAIGHT_DOWN), 0, 1)
-        end = max(foot - roundness * float(np.hypot(gap, start - foot)), 0.0)
-        known.append(((k + 0.5) / SECTORS * 2 * np.pi - np.pi, gap, start, foot, end))
-    if not known:
+    foot = _Foot.of(positions, normals, positions[:, 2] - support)
+    if foot is None:
         return np.zeros((0, 3)), np.zeros((0, 3))
-    directions, gaps, starts, feet, ends = np.array(known).T
-
-    def around(values: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.asarray(np.interp(angles, directions, values, period=2 * np.pi))
-
-    angles = np.arange(-np.pi, np.pi, spacing / max(float(starts.max()), spacing))
-    steps = max(int(np.ceil(1.5 * float((gaps + starts - ends).max()) / spacing)), 2)
-    t = np.linspace(0, 1, steps, endpoint=False)[:, None]  # 0: where measured points end, 1: on the support
-    gap_there, start_there, foot_there, end_there = (around(values, angles) for values in (gaps, starts, feet, ends))
-    radius = (1 - t) ** 2 * start_there + 2 * t * (1 - t) * foot_there + t**2 * end_there
-    wall = np.stack(
-        [middle[0] + radius * np.cos(angles), middle[1] + radius * np.sin(angles), support + gap_there * (1 - t) ** 2],
-        axis=-1,
-    )
-    out = gap_there * (1 - t)
-    down = (1 - t) * (start_there - foot_there) + t * (foot_there - end_there)
-    wall_normals = np.stack([out * np.cos(angles), out * np.sin(angles), -down], axis=-1)
-    wall_normals /= np.maximum(np.linalg.norm(wall_normals, axis=-1, keepdims=True), 1e-12)
+    wall, wall_normals = foot.wall(spacing)
+    wall[:, 2] += support
+    inside = foot.base(spacing)
     # The base lies a little below the support, where the surface is cut off, so that the cut is flat.
-    largest = float(ends.max())
-    axis = np.arange(-largest, largest + spacing, spacing)
-    grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    inside = grid[np.linalg.norm(grid, axis=1) <= around(ends, np.arctan2(grid[:, 1], grid[:, 0]))] + middle
     base = np.column_stack([inside, np.full(len(inside), support - 2 * spacing)])
     base_normals = np.broadcast_to(np.array([0.0, 0.0, -1.0]), base.shape)
-    return np.concatenate([wall.reshape(-1, 3), base]), np.concatenate([wall_normals.reshape(-1, 3), base_normals])
+    return np.concatenate([wall, base]), np.concatenate([wall_normals, base_normals])
 
 
 def _solid(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Any:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from pipeline.reconstruct.alignment import Similarity
 from pipeline.reconstruct.sparse import SparseView
-from pipeline.records.errors import UserError
 
 
 @dataclass(frozen=True)
@@ -74,17 +73,15 @@ def undistort_all(views: Sequence[SparseView], similarity: Similarity) -> list[V
     return [undistorted(view, similarity) for view in views]
 
 
-def undistorted_normals(view: SparseView, normals: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the normal map (h, w, 3) of a photo as its undistorted view shows it.
-
-    Raises:
-        UserError: the map has another size than the photo.
-    """
+def undistorted_colours(view: SparseView, colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the colours (h, w, 3) of a photo as its undistorted view shows them."""
     import cv2
 
-    if normals.shape[:2] != view.photo.grey.shape:
-        raise UserError(
-            f"the normal map of {view.photo.name} has {normals.shape[1]} x {normals.shape[0]} pixels, its photo "
-            f"{view.photo.size[0]} x {view.photo.size[1]}; make it as large as the photo."
-        )
+    return np.asarray(cv2.remap(colours, *_maps(view), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+
+
+def undistorted_normals(view: SparseView, normals: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the normal map (h, w, 3) of a photo as its undistorted view shows it."""
+    import cv2
+
     return np.asarray(cv2.remap(normals, *_maps(view), cv2.INTER_NEAREST), np.float32)

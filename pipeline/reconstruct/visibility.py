@@ -26,6 +26,18 @@ class Bodies:
                 open3d.core.Tensor(surface.faces.astype(np.uint32)),
             )
 
+    def hits(
+        self, origin: NDArray[np.float64], rays: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.float32]]:
+        """Return what ``rays`` (n, 3) from ``origin`` (3,) meet: how far in their lengths (n,), infinite for nothing;
+        the number of the surface (n,), -1 for none; and its normals (n, 3).
+        """
+        query = np.concatenate([np.broadcast_to(origin, rays.shape), rays], axis=1).astype(np.float32)
+        found = self._rays.cast_rays(query, nthreads=1)
+        distance = found["t_hit"].numpy()
+        number = np.where(np.isfinite(distance), found["geometry_ids"].numpy().astype(np.int64), -1)
+        return distance, number, found["primitive_normals"].numpy()
+
     def depth(
         self, own: int, origin: NDArray[np.float64], rays: NDArray[np.float64], largest_angle: float
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -37,12 +49,9 @@ class Bodies:
             origin: (3,) where the camera is.
             largest_angle: degrees between ray and normal beyond which a hit does not count.
         """
-        query = np.concatenate([np.broadcast_to(origin, rays.shape), rays], axis=1).astype(np.float32)
-        hits = self._rays.cast_rays(query, nthreads=1)
-        distance, normals = hits["t_hit"].numpy(), hits["primitive_normals"].numpy()
+        distance, number, normals = self.hits(origin, rays)
         cosine = -(normals * rays).sum(axis=1) / np.linalg.norm(rays, axis=1)
-        good = np.isfinite(distance) & (np.abs(cosine) > np.cos(np.radians(largest_angle)))
-        good &= hits["geometry_ids"].numpy() == own
+        good = (number == own) & (np.abs(cosine) > np.cos(np.radians(largest_angle)))
         return np.asarray(np.where(good, distance, 0), np.float32), np.asarray(normals, np.float32)
 
     def seen_from(

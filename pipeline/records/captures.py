@@ -162,6 +162,14 @@ def _images(folder: Path) -> tuple[Path, ...]:
     return tuple(present)
 
 
+def _check_beside(folder: Path, images: tuple[Path, ...]) -> None:
+    stems = {image.stem for image in images}
+    for kind in ("masks", "normals"):
+        lost = [path for path in sorted((folder / kind).glob("[!.]*")) if path.stem not in stems]
+        if lost:
+            raise UserError(f"{lost[0]} belongs to no photo; give it the name of its photo, or remove it.")
+
+
 def _check_scene(path: Path, scene: Scene) -> None:
     for name, item in scene.objects.items():
         if not name.replace("_", "a").isalnum() or not name[0].isalpha() or name != name.lower():
@@ -191,6 +199,7 @@ def read_capture(folder: Path) -> Capture:
     if not folder.is_dir():
         raise UserError(f"there is no capture folder {folder}; docs/capture.md says what one holds.")
     images = _images(folder)
+    _check_beside(folder, images)
     tags = _read_yaml(folder / "tags.yaml", TagLayout)
     count = TAG_FAMILIES[tags.family]
     wrong = [number for number in tags.tags if not 0 <= number < count]

@@ -4,6 +4,8 @@ Layout of ``data/reconstruct/<capture>/``::
 
     cameras.json              per photo its pinhole camera (undistorted) in the scene frame
     metrics.json              how well it went (docs/metrics.md)
+    pictures/<photo>.jpg      a few photos, undistorted and shrunk
+    pictures/<photo>-surfaces.jpg  what was found, as the same camera sees it
     objects/<name>/mesh.ply   closed surface, object frame; below what photos show, it is assumed
     objects/<name>/points.npy (n, 6) float32 points and outward unit normals, farthest-point samples, object frame
     objects/<name>/seen.npy   (n,) bool: measured nearby; False: assumed (underside, base on the support)
@@ -29,6 +31,8 @@ from pipeline.records.errors import UserError
 from pipeline.records.objects import write_mesh
 from pipeline.records.writing import whole_folder, write_json
 
+SURFACES = "-surfaces.jpg"
+
 
 @dataclass(frozen=True)
 class ReconstructedObject:
@@ -45,9 +49,16 @@ class ReconstructedObject:
 
 
 def write_reconstruction(
-    folder: Path, objects: Mapping[str, ReconstructedObject], cameras: Any, metrics: Mapping[str, Any]
+    folder: Path,
+    objects: Mapping[str, ReconstructedObject],
+    cameras: Any,
+    metrics: Mapping[str, Any],
+    pictures: Mapping[str, tuple[bytes, bytes]],
 ) -> None:
     """Write everything as a whole folder.
+
+    Args:
+        pictures: per photo shown, itself and what was found, as JPEG.
 
     Raises:
         UserError: the folder cannot be written to.
@@ -55,6 +66,10 @@ def write_reconstruction(
     with whole_folder(folder) as temporary:
         write_json(temporary / "cameras.json", cameras)
         write_json(temporary / "metrics.json", metrics)
+        (temporary / "pictures").mkdir()
+        for name, (photo, surfaces) in pictures.items():
+            (temporary / "pictures" / f"{name}.jpg").write_bytes(photo)
+            (temporary / "pictures" / f"{name}{SURFACES}").write_bytes(surfaces)
         for name, item in objects.items():
             target = temporary / "objects" / name
             target.mkdir(parents=True)
@@ -118,3 +133,22 @@ def load_reconstruction_metrics(capture: str) -> dict[str, Any]:
     except ValueError as error:
         raise UserError(f"{source} is damaged ({error}); delete it and {mend}.") from error
     return dict(content)
+
+
+def load_reconstruction_pictures(capture: str) -> dict[str, tuple[bytes, bytes]]:
+    """Load, per photo shown of one capture, itself and what was found, as JPEG.
+
+    Raises:
+        UserError: there are none, or one of a pair is missing.
+    """
+    folder, mend = paths.reconstruction_folder(capture) / "pictures", f"run `dvc repro reconstruct@{capture}`"
+    found = {}
+    for surfaces in sorted(folder.glob(f"*{SURFACES}")):
+        name = surfaces.name.removesuffix(SURFACES)
+        try:
+            found[name] = ((folder / f"{name}.jpg").read_bytes(), surfaces.read_bytes())
+        except OSError as error:
+            raise UserError(f"{error.filename} is missing; {mend}.") from error
+    if not found:
+        raise UserError(f"{folder} holds no pictures; {mend}.")
+    return found

@@ -20,7 +20,6 @@ def sections() -> list[str]:
 def work() -> None:
     """Read every table, count, draw, and write the page, the figures, the card and the summary."""
     parameters = load_parameters(sections())
-    from pipeline.records.reconstructions import load_reconstruction_metrics
     from pipeline.records.tables import MERGED
     from pipeline.report.dataset_card import CardContent, ObjectFacts, dataset_card
     from pipeline.report.diversity import diversity
@@ -29,6 +28,7 @@ def work() -> None:
     from pipeline.report.learned import load_learned
     from pipeline.report.page import PageContent, build_page
     from pipeline.report.rates import pair_merge, pair_trials, single_grasp_funnel
+    from pipeline.report.reconstructed import load_reconstructed
     from pipeline.report.scene import UNIT
     from pipeline.report.settings import section_rows
     from pipeline.report.summary import summarize
@@ -55,8 +55,9 @@ def work() -> None:
             for second in seconds
         ]
     learned = load_learned(styles)
-    reconstructions = {name: load_reconstruction_metrics(name) for name in parameters["captures"]}
-    summary = summarize(parameters["scale"], funnels, merges, trials, reconstructions, learned)
+    reconstructed = load_reconstructed(parameters["captures"])
+    metrics = {name: one.metrics for name, one in reconstructed.items()}
+    summary = summarize(parameters["scale"], funnels, merges, trials, metrics, learned)
     workers = read_parameters().compute.workers
     objects = load_objects(tables)
     used, pair_diversities = diversity(tables)
@@ -90,6 +91,7 @@ def work() -> None:
         versions=installed_versions(),
         settings=settings,
         learned=learned,
+        reconstructed=reconstructed,
     )
     from plotly.offline import get_plotlyjs
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Mapping, Sequence
 from html import escape
 
@@ -16,6 +17,11 @@ _LOW, _HIGH = (251, 243, 226), (20, 110, 95)
 def percent(rate: float) -> str:
     """Return a rate as text with one decimal, such as 82.7 %."""
     return f"{100 * rate:.1f}\u202f%"
+
+
+def data_uri(jpeg: bytes) -> str:
+    """Return a JPEG as a data URI."""
+    return "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()
 
 
 def scale_colour(rate: float) -> tuple[int, int, int]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.report import paper
-from pipeline.report.charts import bars_with_table, heat_map, percent, table
+from pipeline.report.charts import bars_with_table, data_uri, heat_map, percent, table
 from pipeline.report.learned import Learned, learned_section
 from pipeline.report.meanings import MERGE, SYNTHESIS, TRIALS, VALIDATION, explained
 from pipeline.report.rates import Funnel, PairMerge, PairTrials, ratio, wilson_interval
+from pipeline.report.reconstructed import Reconstructed, reconstructed_section
 from pipeline.report.settings import Row
 from pipeline.report.summary import Value
 
@@ -70,11 +70,7 @@ class PageContent:
     versions: Mapping[str, str]
     settings: Mapping[str, Sequence[Row]]  # per section of params.yaml
     learned: Learned | None = None
-
-
-def data_uri(jpeg: bytes) -> str:
-    """Return a JPEG as a data URI."""
-    return "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()
+    reconstructed: Mapping[str, Reconstructed] = field(default_factory=dict)  # per capture
 
 
 def inert_json(value: Any) -> str:
@@ -107,6 +103,11 @@ def build_page(content: PageContent, plotly_source: str) -> str:
             for source, pairs in content.trials.items()
         ],
         *([("learned", "The learned model", learned_section(content.learned))] if content.learned else []),
+        *(
+            [("photos", "Objects from photos", reconstructed_section(found))]
+            if (found := content.reconstructed)
+            else []
+        ),
         ("pairs", "Every pair: grasps and trials", pairs_section(content.views)),
         ("single", "Single grasps", single_section(content.funnels)),
         ("merge", "Merging", merge_section(content.merges)),

@@ -7,6 +7,7 @@ from typing import Any
 
 from pipeline.report.learned import Learned, learned_summary
 from pipeline.report.rates import Funnel, PairMerge, PairTrials, mean, ratio
+from pipeline.report.reconstructed import reconstructed_summary
 
 Value = float | int | str
 
@@ -48,7 +49,7 @@ def summarize(
     for source, pairs in trials.items():
         values |= _of_source(source, pairs)
     for capture, metrics in reconstructions.items():
-        values |= _of_capture(capture, metrics)
+        values |= reconstructed_summary(capture, metrics)
     if learned:
         values |= learned_summary(learned, trials["learned"])
     return {key: rounded(values[key]) for key in sorted(values)}
@@ -92,15 +93,6 @@ def _of_merge(merge: PairMerge) -> dict[str, Value]:
         f"{item}.acceptance_rate": merge.acceptance_rate,
     }
     return values | _shares(f"{item}.rejected", merge.rejected, merge.tried)
-
-
-def _of_capture(capture: str, metrics: Mapping[str, Any]) -> dict[str, Value]:
-    keys = ("registered_ratio", "reprojection_px", "alignment_mm", "camera_mm_mean", "chamfer_mm_max")
-    values: dict[str, Value] = {f"reconstruct.{capture}.{key}": metrics[key] for key in keys if key in metrics}
-    for name, figures in metrics["objects"].items():
-        if "chamfer_mm" in figures:
-            values[f"reconstruct.{capture}.{name}.chamfer_mm"] = figures["chamfer_mm"]
-    return values
 
 
 def _of_source(source: str, pairs: Sequence[PairTrials]) -> dict[str, Value]:

@@ -8,6 +8,7 @@ import pytest
 import yaml
 from PIL import Image
 
+from pipeline.reconstruct.normal_maps import normal_files, read_normals
 from pipeline.reconstruct.photos import read_grey, read_photos
 from pipeline.records.captures import TagLayout, read_capture, read_truth
 from pipeline.records.errors import UserError
@@ -104,6 +105,46 @@ def test_two_photos_of_one_name_are_refused(copy):
     shutil.copy(copy / "images/photo_003.jpg", copy / "images/photo_003.png")
     with pytest.raises(UserError, match="two photos named photo_003"):
         read_capture(copy)
+
+
+@pytest.mark.parametrize("name", ["masks/photo_099.png", "normals/photo_000.jpg.npy"])
+def test_what_belongs_to_no_photo_is_named(copy, name):
+    (copy / name).parent.mkdir()
+    (copy / name).write_bytes(b"")
+    with pytest.raises(UserError, match=f"{name} belongs to no photo"):
+        read_capture(copy)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (np.zeros((10, 10, 3), np.float32), "has 10 x 10 pixels, its photo 480 x 360"),
+        (np.zeros((360, 480), np.float32), "has shape"),
+        (np.full((360, 480, 3), np.nan, np.float32), "three finite numbers"),
+        (None, "is no normal map"),
+    ],
+)
+def test_wrong_normal_maps_are_refused_before_the_long_work(copy, content, words):
+    (copy / "normals").mkdir()
+    target = copy / "normals/photo_003.npy"
+    target.write_bytes(b"no array") if content is None else np.save(target, content)
+    capture = read_capture(copy)
+    photo = read_photos(capture, capture.images[3:6])[0]
+    with pytest.raises(UserError, match=f"photo_003.npy {words}|photo_003.npy .*{words}"):
+        normal_files(capture, [photo])
+
+
+def test_normal_maps_are_read_as_unit_vectors(copy):
+    (copy / "normals").mkdir()
+    towards = np.zeros((360, 480, 3), np.float32)
+    towards[:, 10:] = [0, -1.2, -1.6]
+    np.save(copy / "normals/photo_000.npy", towards)
+    Image.fromarray(np.uint8(np.round((np.array([0, -0.6, -0.8]) + 1) / 2 * 255)) + np.zeros((4, 5, 3), np.uint8)).save(
+        copy / "normals/photo_001.png"
+    )
+    first, second = (read_normals(copy / f"normals/{name}") for name in ("photo_000.npy", "photo_001.png"))
+    assert (first[:, :10] == 0).all() and np.allclose(first[:, 10:], [0, -0.6, -0.8], atol=1e-6)
+    assert np.allclose(second, [0, -0.6, -0.8], atol=0.01)
 
 
 def test_exif_orientation_is_honoured(copy):

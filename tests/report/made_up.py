@@ -6,6 +6,7 @@ import pandas as pd
 from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED
 from pipeline.report.learned import Learned
 from pipeline.report.rates import pair_merge
+from pipeline.report.reconstructed import Reconstructed
 
 REACH = [0.1, -0.5, 0.1, -2.5, 0.1, 1.9, 1.5]
 
@@ -129,12 +130,33 @@ def trials(first: str, seconds: list[str], source: str = "synthesized") -> pd.Da
     return _filled(TRIALS, rows)
 
 
-# What `metrics.json` of a rendered capture holds, as far as the summary reads it.
+# What `metrics.json` of a rendered capture holds, as far as summary and page read it; the box has no known truth.
 RECONSTRUCTION = {
-    "registered_ratio": 1.0,
+    "kind": "rendered",
+    "method": "plane_sweep",
+    "photos": 24,
+    "registered": 23,
+    "registered_ratio": 23 / 24,
     "reprojection_px": 0.25,
+    "tags_located": 6,
     "alignment_mm": 0.1,
     "camera_mm_mean": 0.1,
     "chamfer_mm_max": 0.5,
-    "objects": {"can": {"chamfer_mm": 0.5}, "box": {"points": 3}},
+    "objects": {
+        "can": {
+            "points": 4000,
+            "seen_share": 0.875,
+            "volume_cm3": 310.0,
+            "chamfer_mm": 0.5,
+            "accuracy_mm": 0.45,
+            "completeness_mm": 0.55,
+            "f_score_2mm": 0.95,
+        },
+        "box": {"points": 3, "seen_share": 0.5, "volume_cm3": 2.0},
+    },
 }
+
+
+def reconstructed() -> dict[str, Reconstructed]:
+    """One capture with two pictures, no real ones."""
+    return {"demo": Reconstructed(RECONSTRUCTION, {"photo_<0>": (b"taken", b"found")})}

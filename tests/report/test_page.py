@@ -99,6 +99,7 @@ def content(tables) -> PageContent:
         versions={"python": "3"},
         settings={"report": list(described("report", settings))},
         learned=learned,
+        reconstructed=made_up.reconstructed(),
     )
 
 
@@ -137,7 +138,21 @@ def test_the_page_shows_the_pair_its_trials_and_the_paper(content):
         assert words in text
     page = build_page(content, "")
     assert 'data-pair="cube--can"' in page
-    assert page.count("data:image/jpeg;base64,") == 1 + len(ALL_SOURCES) * (2 + 2)  # a grasp, two moments of two trials of each source
+    assert page.count("data:image/jpeg;base64,") == 1 + len(ALL_SOURCES) * (2 + 2) + 2  # grasp, trials, capture
+
+
+def test_objects_from_photos_have_figures_and_pictures(content):
+    from dataclasses import replace
+
+    page = build_page(content, "")
+    (section,) = re.findall(r'<section id="photos">(.*?)</section>', page, re.DOTALL)
+    rows = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in re.findall(r"<tr>(.*?)</tr>", section)]
+    assert rows[1][:4] == ["demo", "rendered by this project, not photographed", "plane sweep and Poisson", "23 of 24"]
+    assert rows[1][4:] == ["0.25", "6", "0.10", "0.10"]
+    assert rows[3] == ["can (demo)", "4000", "87.5\u202f%", "310", "0.50", "0.45", "0.55", "95.0\u202f%"]
+    assert rows[4][4:] == ["–"] * 4  # nobody knows the true box
+    assert "photo_&lt;0&gt;: what was found" in section and section.count("data:image/jpeg;base64,") == 2
+    assert "Objects from photos" not in build_page(replace(content, reconstructed={}), "")
 
 
 def test_library_and_data_cannot_end_their_elements(content):

@@ -1,0 +1,56 @@
+"""Normal maps that a capture brings with it, made by any program."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.reconstruct.photos import Photo
+from pipeline.records.captures import Capture
+from pipeline.records.errors import UserError
+
+
+def read_normals(path: Path) -> NDArray[np.float32]:
+    """Return a normal map (h, w, 3), unit vectors in the camera frame, 0 where unknown.
+
+    Raises:
+        UserError: the file is damaged or has another shape.
+    """
+    from PIL import Image
+
+    try:
+        if path.suffix == ".npy":
+            normals: Any = np.load(path, allow_pickle=False)
+        else:
+            with Image.open(path) as picture:
+                normals = np.asarray(picture.convert("RGB"), np.float32) / 255 * 2 - 1
+        normals = np.asarray(normals, np.float32)
+    except (OSError, ValueError) as error:
+        raise UserError(f"{path} is no normal map ({error}); save it as .npy (h, w, 3) or as .png.") from error
+    if normals.ndim != 3 or normals.shape[2] != 3 or not np.isfinite(normals).all():
+        raise UserError(f"{path} has shape {normals.shape}; a normal map has three finite numbers per pixel.")
+    length = np.linalg.norm(normals, axis=2, keepdims=True)
+    return np.where(length > 0.5, normals / np.maximum(length, 1e-6), 0).astype(np.float32)
+
+
+def normal_files(capture: Capture, photos: Sequence[Photo]) -> dict[str, Path]:
+    """Return the normal maps of a capture by the names of their photos, all of them checked.
+
+    Raises:
+        UserError: a map is damaged or not as large as its photo.
+    """
+    files = {photo.name: capture.beside("normals", Path(photo.name)) for photo in photos}
+    found = {name: path for name, path in files.items() if path is not None}
+    sizes = {photo.name: photo.size for photo in photos}
+    for name, path in found.items():
+        height, width = read_normals(path).shape[:2]
+        if (width, height) != sizes[name]:
+            raise UserError(
+                f"{path} has {width} x {height} pixels, its photo {sizes[name][0]} x {sizes[name][1]}; make it as "
+                "large as the photo."
+            )
+    return found
