@@ -47,14 +47,13 @@ def work() -> None:
         source: [pair_trials(first, second, tables.trials[source, first]) for first, second in tables.merged]
         for source in SOURCES
     }
-    reconstructed = {first: item.side for first, item in parameters["reconstructed"].items()}
-    if reconstructed:
+    chosen = parameters["reconstructed"]
+    if chosen:
         trials[RECONSTRUCTED] = [
             pair_trials(first, second, tables.trials[RECONSTRUCTED, first])
-            for first, seconds in reconstructed.items()
-            for second in seconds
+            for first, item in chosen.items()
+            for second in item.side
         ]
-    learned = load_learned(styles)
     reconstructed = load_reconstructed(parameters["captures"])
     metrics = {name: one.metrics for name, one in reconstructed.items()}
     summary = summarize(parameters["scale"], funnels, merges, trials, metrics, learned)
