@@ -54,6 +54,7 @@ def work() -> None:
             for first, item in chosen.items()
             for second in item.side
         ]
+    learned = load_learned(styles)
     reconstructed = load_reconstructed(parameters["captures"])
     metrics = {name: one.metrics for name, one in reconstructed.items()}
     summary = summarize(parameters["scale"], funnels, merges, trials, metrics, learned)

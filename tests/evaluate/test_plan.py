@@ -291,7 +291,7 @@ def captured(workplace: Path, objects) -> Path:
         shown[prepared.name] = as_photos_show(prepared, T_scene)
     shown["other"] = replace(shown["cube"], T_scene_object=pose_matrix([0.17, -0.17, 0.023], [1.0, 0.0, 0.0, 0.0]))
     metrics = {"objects": {name: {} for name in shown}}
-    write_reconstruction(paths.reconstruction_folder("demo"), shown, {}, metrics)
+    write_reconstruction(paths.reconstruction_folder("demo"), shown, {}, metrics, {})
     return workplace
 
 

@@ -52,7 +52,7 @@ def capture(empty_folder: Path, objects) -> Path:
     """A capture `shown` of both objects, its truth, and its reconstruction."""
     shown = {prepared.name: as_photos_show(prepared, SHOWN) for prepared in objects}
     metrics = {"objects": {name: {} for name in shown}}
-    write_reconstruction(paths.reconstruction_folder("shown"), shown, {}, metrics)
+    write_reconstruction(paths.reconstruction_folder("shown"), shown, {}, metrics, {})
     truth = paths.capture_folder("shown") / "gt"
     truth.mkdir(parents=True)
     for prepared in objects:

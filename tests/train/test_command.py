@@ -111,7 +111,7 @@ def test_reconstructed_objects_are_all_that_sampling_knows(model, workplace, obj
         shown[name] = ReconstructedObject(
             name, np.asarray(mesh.vertices), np.asarray(mesh.faces), *arrays, np.eye(4), float(mesh.volume)
         )
-    write_reconstruction(paths.reconstruction_folder(CAPTURE), shown, {}, {})
+    write_reconstruction(paths.reconstruction_folder(CAPTURE), shown, {}, {}, {})
     prepared = Path("data/prepare")
     prepared.rename("away")
     try:
