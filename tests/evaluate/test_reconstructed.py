@@ -10,6 +10,7 @@ import pytest
 import trimesh
 
 from pipeline.evaluate.reconstructed import in_true_frames, pose_of_same_mesh, true_from_reconstructed
+from pipeline.motion.collisions import convex_shape
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.objects import PreparedObject, write_mesh
@@ -117,3 +118,15 @@ def test_reconstruction_as_an_object_has_the_mass_and_distances_of_its_solid(obj
     centre = item.distance_origin + np.array(index) * item.distance_spacing
     assert item.distance[index] == pytest.approx(centre[0] - 0.021, abs=1e-6)
     assert len(item.surface_points) == 200 and len(item.parts) == 1
+
+
+def test_collision_shape_of_a_fine_mesh_is_one_that_the_planner_takes(objects) -> None:
+    ball = trimesh.creation.icosphere(4, 0.03)
+    arrays = (np.asarray(ball.vertices), np.asarray(ball.faces), np.asarray(ball.vertices), np.asarray(ball.vertices))
+    item = ReconstructedObject("ball", *arrays, np.ones(len(ball.vertices), bool), np.eye(4), float(ball.volume))
+    ((corners, faces),) = object_of_reconstruction(item).parts
+    assert 100 < len(corners) <= 240
+    directions = trimesh.creation.icosphere(3, 1.0).vertices
+    depth = 0.03 - (corners @ np.asarray(directions).T).max(axis=0)
+    assert depth.max() < 0.0006
+    convex_shape(corners)
