@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pipeline.compute.fan_out import fan_out
 from pipeline.pictures.camera import framing
+from pipeline.pictures.decimation import decimated
 from pipeline.pictures.render import Body, render
 from pipeline.pictures.robot import hand_bodies
 from pipeline.pictures.table_scene import moment_picture
@@ -27,7 +28,6 @@ from pipeline.report.scene import (
     MOST_FACES,
     MOST_LINK_FACES,
     OBJECT_COLOURS,
-    decimated,
     fractions,
     grasp_record,
     hexadecimal,
