@@ -149,5 +149,5 @@ def test_photos_of_something_else(capture_folder, tmp_path):
         Image.fromarray(random.integers(0, 255, (360, 480), dtype=np.uint8)).save(
             folder / f"images/photo_{view:03d}.jpg"
         )
-    with pytest.raises(UserError, match="no photo shows a tag"):
+    with pytest.raises(UserError, match="^0 of the 6 tags"):
         figures(folder)
