@@ -16,7 +16,7 @@ from pipeline.reconstruct.normal_maps import normal_files, read_normals
 from pipeline.reconstruct.photos import read_photos
 from pipeline.reconstruct.sparse import SparseModel, sparse_model
 from pipeline.reconstruct.surface import Surface, samples_of
-from pipeline.reconstruct.tags import detect_tags, locate_corners
+from pipeline.reconstruct.tags import check_sightings, detect_tags, locate_corners
 from pipeline.reconstruct.views import View, undistort_all, undistorted_normals
 from pipeline.records.captures import Capture, SceneObject, Truth
 from pipeline.records.errors import UserError
@@ -68,11 +68,7 @@ def reconstruct(capture: Capture, settings: ReconstructParameters, seed: int, wo
     photos = read_photos(capture)
     normals = normal_files(capture, photos) if settings.method == "2dgs" else {}
     sightings = {photo.name: detect_tags(photo, capture.tags) for photo in photos}
-    if not any(sightings.values()):
-        raise UserError(
-            f"no photo shows a tag of {capture.folder / 'tags.yaml'}; correct the family and numbers there, or take "
-            "photos with the tags in view."
-        )
+    check_sightings(sightings, capture.tags, settings.alignment)
     sparse = sparse_model(photos, capture.intrinsics, settings.sparse, seed, worker_count(workers))
     located = locate_corners(sparse.views, sightings, settings.alignment)
     alignment = align(located, capture.tags, settings.alignment)

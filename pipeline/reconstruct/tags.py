@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from pipeline.reconstruct.photos import Photo
 from pipeline.reconstruct.sparse import SparseView
 from pipeline.records.captures import TagLayout
+from pipeline.records.errors import UserError
 from pipeline.records.parameters.reconstruct import AlignmentParameters
 
 CELLS = 8  # of the edge of a tag of the family 36h11; fewer in the others
@@ -85,6 +87,22 @@ def detect_tags(photo: Photo, layout: TagLayout) -> Sightings:
         for number, corner in zip(numbers.ravel(), corners, strict=True)
         if int(number) in layout.tags
     }
+
+
+def check_sightings(sightings: Mapping[str, Sightings], layout: TagLayout, settings: AlignmentParameters) -> None:
+    """Refuse photos that show too few tags, before the long work.
+
+    Raises:
+        UserError: fewer than ``least_tags`` are seen in ``least_views`` photos each.
+    """
+    counts = Counter(number for seen in sightings.values() for number in seen)
+    good = sum(counts[number] >= settings.least_views for number in layout.tags)
+    if good < settings.least_tags:
+        raise UserError(
+            f"{good} of the {len(layout.tags)} tags in tags.yaml are seen in {settings.least_views} photos or more, "
+            f"{settings.least_tags} are needed; lay out at least four and keep them in view, or correct their family "
+            "and numbers there."
+        )
 
 
 def _triangulate(projections: NDArray[np.float64], rays: NDArray[np.float64]) -> NDArray[np.float64]:

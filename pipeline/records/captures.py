@@ -25,6 +25,7 @@ import yaml
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.poses import pose_matrix
 
@@ -197,7 +198,10 @@ def read_capture(folder: Path) -> Capture:
         UserError: something is missing, unreadable or contradicts itself.
     """
     if not folder.is_dir():
-        raise UserError(f"there is no capture folder {folder}; docs/capture.md says what one holds.")
+        mend = "put photos there as docs/capture.md says"
+        if folder == paths.capture_folder(folder.name):
+            mend = f"run `dvc repro capture@{folder.name}`"
+        raise UserError(f"the capture folder {folder} is missing; {mend}.")
     images = _images(folder)
     _check_beside(folder, images)
     tags = _read_yaml(folder / "tags.yaml", TagLayout)

@@ -10,7 +10,7 @@ from typing import Any
 from pipeline.records.reconstructions import load_reconstruction_metrics, load_reconstruction_pictures
 from pipeline.report.charts import data_uri, percent, table
 
-KINDS = {"rendered": "rendered by this project, not photographed", "photos": "photos"}
+KINDS = {"rendered": "rendered by computer", "photos": "photos"}
 METHODS = {"plane_sweep": "plane sweep and Poisson", "2dgs": "2D Gaussian splatting"}
 UNKNOWN = "–"
 

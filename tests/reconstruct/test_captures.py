@@ -78,7 +78,7 @@ def test_missing_parts_are_named(copy, missing):
 
 
 def test_a_missing_folder_is_named(tmp_path):
-    with pytest.raises(UserError, match="there is no capture folder"):
+    with pytest.raises(UserError, match="nowhere is missing; put photos there"):
         read_capture(tmp_path / "nowhere")
 
 

@@ -3,7 +3,7 @@ import pytest
 
 from pipeline.capture.layout import camera_poses
 from pipeline.reconstruct.alignment import align, fit_similarity
-from pipeline.reconstruct.tags import locate, locate_corners
+from pipeline.reconstruct.tags import check_sightings, locate, locate_corners
 from pipeline.records.captures import read_capture, read_truth
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import read_parameters
@@ -88,6 +88,17 @@ def test_outliers_do_not_move_a_triangulated_corner():
     assert found is not None and np.linalg.norm(found - point) < 1e-4
     rays[:] = random.standard_normal((12, 2))
     assert locate(projections, rays, np.full(12, 900.0), tolerance=1.5, least_views=4) is None
+
+
+def test_too_few_tags_are_told_before_the_long_work(sightings, layout, settings):
+    check_sightings(sightings, layout, settings)
+    only_first = {name: {n: corners for n, corners in seen.items() if n == 0} for name, seen in sightings.items()}
+    with pytest.raises(UserError, match=r"1 of the 6 tags .* 2 are needed"):
+        check_sightings(only_first, layout, settings)
+    alone = layout.model_copy(update={"tags": {0: layout.tags[0]}})
+    check_sightings(only_first, alone, settings.model_copy(update={"least_tags": 1}))
+    with pytest.raises(UserError, match=r"0 of the 6 tags"):
+        check_sightings({"photo_000": {}}, layout, settings)
 
 
 def test_one_tag_is_refused_with_advice(located, layout, settings):

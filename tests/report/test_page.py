@@ -148,7 +148,7 @@ def test_objects_from_photos_have_figures_and_pictures(content):
     page = build_page(content, "")
     (section,) = re.findall(r'<section id="photos">(.*?)</section>', page, re.DOTALL)
     rows = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in re.findall(r"<tr>(.*?)</tr>", section)]
-    assert rows[1][:4] == ["demo", "rendered by this project, not photographed", "plane sweep and Poisson", "23 of 24"]
+    assert rows[1][:4] == ["demo", "rendered by computer", "plane sweep and Poisson", "23 of 24"]
     assert rows[1][4:] == ["0.25", "6", "0.10", "0.10"]
     assert rows[3] == ["can (demo)", "4000", "87.5\u202f%", "310", "0.50", "0.45", "0.55", "95.0\u202f%"]
     assert rows[4][4:] == ["–"] * 4  # nobody knows the true box
