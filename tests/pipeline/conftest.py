@@ -22,6 +22,7 @@ TABLES = (
     "data/validate",
     "data/merge",
     "data/train",
+    "data/train_reconstructed",
     "data/evaluate",
     "data/capture",
     "data/reconstruct",
