@@ -68,7 +68,7 @@ def composed(scale: str | None) -> Parameters:
 def commit() -> str:
     """Return the commit of the code, and whether files differ from it."""
     words = ["git", "describe", "--always", "--dirty", "--abbrev=10", "--exclude=*"]
-    return subprocess.run(words, capture_output=True, text=True, check=True).stdout.strip()
+    return subprocess.run(words, cwd=Path(__file__).parent, capture_output=True, text=True, check=True).stdout.strip()
 
 
 def chosen_pairs(pairs: Sequence[tuple[str, str]], unseen: Sequence[Sequence[str]], count: int) -> list[int]:
@@ -180,6 +180,7 @@ def main() -> None:
     parser.add_argument("--batch", type=int, default=128)
     parser.add_argument("--folder", type=Path, default=Path("reports/unfinished"), help="for rows of single trainings")
     chosen = parser.parse_args()
+    code = commit()
     parameters = composed(chosen.scale)
     styles, settings = parameters.styles, parameters.train
     objects = {name: load_prepared_object(name) for name in dict.fromkeys([*styles.pinch, *styles.side])}
@@ -229,16 +230,16 @@ def main() -> None:
                 )
             rows.append(pd.read_csv(kept))
     table = summary(pd.concat(rows), chosen.samples)
-    options = {"scale": chosen.scale, "seeds": chosen.seeds, "steps": chosen.steps, "pairs": chosen.pairs,
-               "samples": chosen.samples, "width": chosen.width, "blocks": chosen.blocks, "batch": chosen.batch}  # fmt: skip
-    words = " ".join(f"--{key} {value}" for key, value in options.items() if value is not None)
+    names = ("scale", "seeds", "steps", "pairs", "samples", "width", "blocks", "batch")
+    options = {name: getattr(chosen, name) for name in names}
+    words = " ".join(f"--{name} {value}" for name, value in options.items() if value is not None)
     unseen = sum(list(examples.pairs[index]) in settings.data.held_out_pairs for index in judged)
     facts = {
         "command": f"python benchmarks/learned_objectives.py {words}",
         "data": f"{parameters.scale} scale: {int((examples.split == 'training').sum())} training grasps of "
         f"{len(examples.pairs)} pairs; judged on {len(judged)} pairs, {unseen} of them never trained",
-        "commit": commit(),
-        "time": "CPU seconds of one core; a pair's clouds are prepared once, then all its samples are drawn in one call",
+        "commit": code,
+        "time": "CPU seconds of one core; a pair's clouds are prepared once, then its samples are drawn in one call",
     }
     write_comparison(OBJECTIVES_FILE, table, facts)
     print(table.to_string(float_format=lambda value: f"{value:.3g}"))
