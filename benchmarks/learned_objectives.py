@@ -72,14 +72,15 @@ def commit() -> str:
 
 
 def chosen_pairs(pairs: Sequence[tuple[str, str]], unseen: Sequence[Sequence[str]], count: int) -> list[int]:
-    """Return up to ``count`` pairs, by index: as far as there are, half of them unseen, and every object as often."""
+    """Return up to ``count`` pairs, by index: half of them unseen, as far as there are; objects as evenly as it goes."""
     firsts, seconds = (list(dict.fromkeys(names)) for names in zip(*pairs, strict=True))
     is_unseen = [list(pair) in [list(own) for own in unseen] for pair in pairs]
     # Diagonals of the table of pairs: one diagonal holds every object once.
     diagonal = [(seconds.index(b) - firsts.index(a)) % len(seconds) for a, b in pairs]
-    order = sorted(range(len(pairs)), key=lambda index: (diagonal[index], index))
-    kept = [index for index in order if is_unseen[index]][: count // 2]
-    others = [index for index in order if not is_unseen[index]][: count - len(kept)]
+    from_top = sorted(range(len(pairs)), key=lambda index: (diagonal[index], index))
+    kept = [index for index in from_top if is_unseen[index]][: count // 2]
+    from_bottom = sorted(range(len(pairs)), key=lambda index: (diagonal[index], -index))
+    others = [index for index in from_bottom if not is_unseen[index]][: count - len(kept)]
     return sorted(kept + others)
 
 
