@@ -72,7 +72,7 @@ def commit() -> str:
 
 
 def chosen_pairs(pairs: Sequence[tuple[str, str]], unseen: Sequence[Sequence[str]], count: int) -> list[int]:
-    """Return up to ``count`` pairs, by index: half of them unseen, as far as there are; objects as evenly as it goes."""
+    """Return up to ``count`` pairs, by index: half of them unseen, if there are as many; objects spread evenly."""
     firsts, seconds = (list(dict.fromkeys(names)) for names in zip(*pairs, strict=True))
     is_unseen = [list(pair) in [list(own) for own in unseen] for pair in pairs]
     # Diagonals of the table of pairs: one diagonal holds every object once.
