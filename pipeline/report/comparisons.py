@@ -1,7 +1,7 @@
 """Published comparisons: small tables that a script of ``benchmarks/`` made once, kept in git and shown in the report.
 
-A file begins with lines `# name: value` that say how it was made, then the table as CSV. They are no results of the
-run that the report shows.
+A file begins with lines `# name: value` that say how it was made, then the table as CSV; without rows, nothing has been
+published. They are no results of the run that the report shows.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def comparison_part(
     title: str, comparison: Comparison | None, columns: Mapping[str, tuple[str, str]], script: str, words: str
 ) -> str:
     """Return one comparison as HTML: what it is, how it was made, the table."""
-    if comparison is None:
+    if comparison is None or not comparison.rows:
         return (
             f"<h4>{escape(title)}</h4>\n<p>Nothing is published here yet: <code>python {escape(script)}</code> makes "
             "this table.</p>\n"
