@@ -104,6 +104,9 @@ def learned_summary(learned: Learned, trials: Sequence[PairTrials]) -> dict[str,
     if covered:
         values["train.held_out_covered"] = mean([own["covered"] for own in covered])
         values["train.held_out_nearest_mm_median"] = median(own["nearest_mm_median"] for own in covered)
+    by_training = [own["held_out_by_training"] for own in learned.quality.values() if own["held_out_by_training"]]
+    if by_training:
+        values["train.held_out_covered_by_training"] = mean([own["covered"] for own in by_training])
     for fates in learned.samples:
         item = f"sample.{fates.first}--{fates.second}"
         values |= {f"{item}.tried": fates.tried, f"{item}.accepted": fates.accepted}
@@ -124,10 +127,13 @@ def learned_section(learned: Learned) -> str:
             cells += [f"{own['raw'][name]:.2f}", f"{own['ranked'][name]:.2f}" if own["ranked"] else "–"]
         held_out = own["held_out"]
         cells += [f"{percent(held_out['covered'])} of {held_out['grasps']}"] if held_out else ["–"]
+        by_training = own["held_out_by_training"]
+        cells += [percent(by_training["covered"])] if by_training else ["–"]
         cells += [f"{held_out['nearest_mm_median']:.1f}"] if held_out else ["–"]
         rows.append(cells)
     headers = ["pair", "trained together", "drawn", "overlap, raw (mm)", "ranked", "contact distance, raw (mm)"]
-    headers += ["ranked", "kept grasps that a sample is near to", "distance to the nearest (mm)"]
+    headers += ["ranked", "kept grasps that a sample is near to", "that one of as many training grasps is near to"]
+    headers += ["distance to the nearest sample (mm)"]
     bars = [
         (f"{fates.first} + {fates.second}".replace("_", " "), {PASSED: fates.accepted, **fates.rejected})
         for fates in learned.samples

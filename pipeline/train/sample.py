@@ -40,6 +40,8 @@ def sample_pairs(first: str) -> None:
             f"params.yaml: styles.pinch does not name {first!r}; add it there, or use one of {', '.join(styles.pinch)}."
         )
 
+    import numpy as np
+
     from pipeline.records.objects import load_prepared_object
     from pipeline.records.seeds import item_seed
     from pipeline.records.tables import MERGED, read_table, write_table
@@ -63,7 +65,8 @@ def sample_pairs(first: str) -> None:
         merged = read_table(paths.merged_file(first, second), MERGED, f"merge@{first}")
         known = merged[merged["rejected_by"] == ""]
         trained = (first, second) in checkpoint.pairs
-        held_out = known[unseen_rows(known, checkpoint.held_out)] if trained else known
+        unseen = unseen_rows(known, checkpoint.held_out) if trained else np.ones(len(known), dtype=bool)
+        held_out, seen = known[unseen], known[~unseen][: len(drawn.ranked.grasps)]
         figures[second] = {
             "trained": trained,
             "drawn": len(drawn.ranked.grasps),
@@ -71,12 +74,21 @@ def sample_pairs(first: str) -> None:
             "raw": quality(energy, drawn.raw),
             "ranked": quality(energy, drawn.ranked.chosen(_accepted(table))),
             "held_out": nearest_samples(grasps_of(held_out), drawn.ranked.grasps) if len(held_out) else {},
+            # What as many grasps to learn from cover: no set of that size can be expected to do much better.
+            "held_out_by_training": _reference(held_out, seen),
         }
         print(f"{first} then {second}: {len(_accepted(table))} accepted of {len(table)} tried")
     with whole_folder(paths.sampled_folder(first)) as folder:
         for second, table in tables.items():
             write_table(folder / paths.sampled_file(first, second).name, table, MERGED)
         write_json(folder / "quality.json", figures)
+
+
+def _reference(held_out: Any, seen: Any) -> dict[str, float]:
+    from pipeline.train.data import grasps_of
+    from pipeline.train.quality import nearest_samples
+
+    return nearest_samples(grasps_of(held_out), grasps_of(seen)) if len(held_out) and len(seen) else {}
 
 
 def _accepted(table: Any) -> Any:

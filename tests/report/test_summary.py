@@ -71,6 +71,7 @@ def test_figures_of_the_model(summary):
     assert summary["train.steps"] == 2 and summary["train.training_loss"] == 0.5
     assert summary["train.validation_loss"] == 1.0 and summary["train.validation_loss_held_out_pairs"] == 1.5
     assert summary["train.penetration_mm_median"] == 0.5 and summary["train.penetration_mm_median_raw"] == 1.0
+    assert summary["train.held_out_covered"] == 0.5 and summary["train.held_out_covered_by_training"] == 0.75
     assert summary["sample.cube--can.acceptance_rate"] == pytest.approx(2 / 3, abs=1e-6)
     assert summary["evaluate.learned.held_out_pairs.pairs"] == 1
     assert summary["evaluate.learned.held_out_pairs.success_rate_mean"] == pytest.approx(1 / 3, abs=1e-6)
