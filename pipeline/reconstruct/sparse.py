@@ -16,8 +16,8 @@ from pipeline.records.captures import Intrinsics
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.reconstruct import SparseParameters
 
-# With more threads COLMAP's results differ from run to run: photos are numbered as their features get ready, and sums of
-# the bundle adjustment round differently.
+# With more threads COLMAP's results differ from run to run: photos are numbered as their features get ready, and sums
+# of the bundle adjustment round differently.
 THREADS = 1
 
 
