@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.hand.allegro import origin_matrix
 from pipeline.hand.robot import MOUNT_LINK, ROBOT_JOINT_NAMES, compose_robot
+from pipeline.pictures.decimation import Mesh, decimated
 from pipeline.pictures.render import Body, corner_normals
 
 LARGEST_MESH = 4000  # faces; finer visual meshes are decimated, as no picture shows the difference
@@ -31,16 +32,9 @@ class _Visual:
     body: Body
 
 
-def _decimated(mesh: Any) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    import open3d
-
+def _few_faces(mesh: Any) -> Mesh:
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
-    if len(faces) <= LARGEST_MESH:
-        return vertices, faces
-    full = open3d.geometry.TriangleMesh(open3d.utility.Vector3dVector(vertices), open3d.utility.Vector3iVector(faces))
-    small = full.simplify_quadric_decimation(LARGEST_MESH)
-    return np.asarray(small.vertices), np.asarray(small.triangles, np.int64)
+    return decimated((np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)), LARGEST_MESH)
 
 
 def _colour(link: str, mesh: Any) -> tuple[float, float, float]:
@@ -79,7 +73,7 @@ def _visuals(arm: bool) -> tuple[_Visual, ...]:
             else:
                 continue
             for mesh in meshes:
-                vertices, faces = _decimated(mesh.copy())
+                vertices, faces = _few_faces(mesh.copy())
                 vertices = vertices @ T[:3, :3].T + T[:3, 3]
                 colour = MOUNT_COLOUR if name == MOUNT_LINK else _colour(name, mesh)
                 visuals.append(_Visual(name, Body(vertices, faces, colour, np.eye(4), corner_normals(vertices, faces))))

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pipeline.compute.fan_out import fan_out
 from pipeline.pictures.camera import framing, look_at
+from pipeline.pictures.decimation import decimated
 from pipeline.pictures.render import Body, render
 from pipeline.pictures.robot import hand_bodies, robot_bodies
 from pipeline.records.objects import PreparedObject, load_prepared_object
@@ -26,7 +27,6 @@ from pipeline.report.scene import (
     MOST_FACES,
     MOST_LINK_FACES,
     OBJECT_COLOURS,
-    decimated,
     fractions,
     grasp_record,
     hexadecimal,

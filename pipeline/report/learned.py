@@ -17,6 +17,15 @@ from pipeline.records.errors import UserError
 from pipeline.records.parameters.objects import StylesParameters
 from pipeline.records.tables import MERGED, read_table
 from pipeline.report.charts import CATEGORY_COLOURS, bars_with_table, percent, table
+from pipeline.report.comparisons import (
+    ABLATION,
+    ABLATION_FILE,
+    OBJECTIVES,
+    OBJECTIVES_FILE,
+    Comparison,
+    comparison_part,
+    read_comparison,
+)
 from pipeline.report.meanings import MERGE, explained
 from pipeline.report.rates import PairMerge, PairTrials, mean, pair_merge
 
@@ -35,6 +44,8 @@ class Learned:
     history: Sequence[Mapping[str, float]]  # rows of history.csv
     quality: Mapping[tuple[str, str], Mapping[str, Any]]  # per pair, see pipeline.train.sample
     samples: Sequence[PairMerge]  # fates of the samples that were tried
+    objectives: Comparison | None = None  # published ones, of other runs
+    ablation: Comparison | None = None
 
 
 def load_learned(styles: StylesParameters) -> Learned:
@@ -58,6 +69,8 @@ def load_learned(styles: StylesParameters) -> Learned:
             pair_merge(first, second, read_table(paths.sampled_file(first, second), MERGED, f"sample@{first}"))
             for first, second in pairs
         ],
+        objectives=read_comparison(OBJECTIVES_FILE, OBJECTIVES),
+        ablation=read_comparison(ABLATION_FILE, ABLATION),
     )
 
 
@@ -138,6 +151,33 @@ def learned_section(learned: Learned) -> str:
         "<h3>Samples that were tried, by the first check that they failed</h3>\n"
         + bars_with_table(bars, PASSED, "Fate of samples per pair", "pair")
         + explained((check for fates in learned.samples for check in fates.rejected), MERGE)
+        + published_comparisons(learned)
+    )
+
+
+def published_comparisons(learned: Learned) -> str:
+    """Return the two tables that scripts of ``benchmarks/`` made, with how they were made."""
+    return (
+        "<h3>Published comparisons: not results of this run</h3>\n"
+        "<p>Each was made once by the command under its title, on the data named there, and is kept in git. They are "
+        "the reasons for the default settings.</p>\n"
+        + comparison_part(
+            "Objectives and samplers",
+            learned.objectives,
+            OBJECTIVES,
+            "benchmarks/learned_objectives.py",
+            "Every training has the same network and number of steps. Samples as drawn, medians over a pair. Usable: "
+            "hand and objects overlap at most 1 mm, contacts are at most 2 mm off on average, objects apart.",
+        )
+        + comparison_part(
+            "From samples to grasps, step by step",
+            learned.ablation,
+            ABLATION,
+            "benchmarks/learned_ablation.py",
+            "All rows begin with the same draws. Each takes the first grasps that it accepts and tries the first of "
+            "them with the robot, one grasp per trial; the same grasp has the same trial in every row. Pass all "
+            "checks: those of merging, physics included. Rotations are projected and joints clamped in every row.",
+        )
     )
 
 

@@ -9,28 +9,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pipeline.pictures.decimation import Mesh
 from pipeline.records.poses import pose_matrix
-
-Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]  # vertices (V, 3), m; faces (F, 3)
 
 UNIT = 1e-4  # m; vertices are stored as whole multiples of it
 MOST_FACES = 1200  # of an object
 MOST_LINK_FACES = 350
 GRASPS_PER_PAIR = 6
 OBJECT_COLOURS = ("#e08a2e", "#3c78b4")  # first object, second object
-
-
-def decimated(mesh: Mesh, most_faces: int) -> Mesh:
-    """Return the mesh with at most about ``most_faces`` faces (quadric edge collapse), or unchanged if it has fewer."""
-    vertices, faces = mesh
-    if len(faces) <= most_faces:
-        return mesh
-    import open3d
-
-    full = open3d.geometry.TriangleMesh(open3d.utility.Vector3dVector(vertices), open3d.utility.Vector3iVector(faces))
-    full.merge_close_vertices(1e-7)
-    less = full.simplify_quadric_decimation(most_faces)
-    return np.asarray(less.vertices), np.asarray(less.triangles, dtype=np.int64)
 
 
 def shape_record(mesh: Mesh) -> dict[str, list[int]]:

@@ -15,7 +15,6 @@ from pipeline.compute.shared import Shared
 from pipeline.hand.allegro import load_hand
 from pipeline.pairing.combination import Pair, try_combination
 from pipeline.pairing.readiness import ready_pinch
-from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
 from pipeline.records.parameters.train import SamplingParameters
 from pipeline.records.poses import pose_matrix
@@ -77,7 +76,7 @@ def check_grasps(task: Task, drawn: Drawn, workers: int) -> pd.DataFrame:
     ``grasp0_id`` and ``grasp1_id`` are the place of the sample in that order, and so is ``merged_id``.
     """
     settings = task.settings
-    pair = replace(task.pair, merge=_checks(task.pair.merge, settings))
+    pair = checked_pair(task.pair, settings)
     rows: list[dict[str, Any]] = []
     accepted = 0
     with Shared((pair, drawn.ranked)) as shared:
@@ -92,16 +91,20 @@ def check_grasps(task: Task, drawn: Drawn, workers: int) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=MERGED.names, dtype=object)
 
 
-def _checks(merge: MergeParameters, settings: SamplingParameters) -> MergeParameters:
-    """Return the limits of ``merge``, or ones that nothing exceeds where checks are switched off."""
-    changes: dict[str, Any] = {"physics_test": settings.physics and merge.physics_test}
+def checked_pair(pair: Pair, settings: SamplingParameters) -> Pair:
+    """Return the pair with the limits of ``merge``, or ones that nothing exceeds where checks are switched off."""
+    changes: dict[str, Any] = {"physics_test": settings.physics and pair.merge.physics_test}
     if not settings.check:
         changes |= {"clearance": -1.0, "penetration_tolerance": 1.0, "mount_clearance": -1.0}
-    return merge.model_copy(update=changes)
+    return replace(pair, merge=pair.merge.model_copy(update=changes))
 
 
 def _check(shared: Shared[tuple[Pair, Scored]], index: int) -> dict[str, Any]:
-    pair, scored = shared.value
+    return check_sample(*shared.value, index)
+
+
+def check_sample(pair: Pair, scored: Scored, index: int) -> dict[str, Any]:
+    """Return the row of one sample, all columns of ``MERGED`` but ``merged_id``; ``pair`` of :func:`checked_pair`."""
     objects, grasps = (pair.object0, pair.object1), scored.grasps
     first, second = single_grasps(
         load_hand(), objects, grasps.T_hand_object[index], grasps.q[index], scored.contacts, index, pair.validate

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline.hand.allegro import load_hand
 from pipeline.train.checkpoint import Checkpoint
-from pipeline.train.clouds import prepare_cloud, stack
+from pipeline.train.clouds import Clouds, prepare_cloud, stack
 from pipeline.train.diffusion import draw
 from pipeline.train.network import GraspModel, cloud_tensors
 from pipeline.train.representation import GraspBatch, from_vectors, joint_violation
@@ -30,14 +30,28 @@ def sample_grasps(
     Args:
         points: surface points (m, 3) of object 0 and object 1, object frame.
     """
+    clouds = sampled_clouds(checkpoint, points, min(CLOUDS, count), seed)
+    return grasps_from_clouds(checkpoint, model, clouds, count, sampler, steps, seed)
+
+
+def sampled_clouds(
+    checkpoint: Checkpoint, points: tuple[NDArray[np.float64], NDArray[np.float64]], draws: int, seed: int
+) -> Clouds:
+    """Return ``draws`` clouds of object 0, then as many of object 1."""
     rng = np.random.default_rng(seed)
-    clouds_each = min(CLOUDS, count)
+    return stack([prepare_cloud(own, checkpoint.encoder, rng, even=True) for own in points for _ in range(draws)])
+
+
+def grasps_from_clouds(
+    checkpoint: Checkpoint, model: GraspModel, clouds: Clouds, count: int, sampler: str, steps: int, seed: int
+) -> tuple[GraspBatch, NDArray[np.float64]]:
+    """Return what :func:`sample_grasps` does, from clouds of :func:`sampled_clouds`."""
+    draws = len(clouds) // 2
     device = next(model.parameters()).device
-    drawn = [prepare_cloud(own, checkpoint.encoder, rng, even=True) for own in points for _ in range(clouds_each)]
-    pairs = torch.arange(clouds_each, device=device)[:, None] + torch.tensor([0, clouds_each], device=device)
+    pairs = torch.arange(draws, device=device)[:, None] + torch.tensor([0, draws], device=device)
     with torch.no_grad():
-        context = model.context(cloud_tensors(stack(drawn), device), pairs)
-        pair = torch.arange(count, device=device) % clouds_each
+        context = model.context(cloud_tensors(clouds, device), pairs)
+        pair = torch.arange(count, device=device) % draws
         generator = torch.Generator(device).manual_seed(seed)
         normal = draw(
             checkpoint.diffusion,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.hand.allegro import load_hand
 from pipeline.hand.kinematics import link_poses
+from pipeline.pictures.decimation import Mesh, decimated
 from pipeline.records.objects import PreparedObject
 from pipeline.records.poses import pose_matrix, transform_points
 
@@ -17,7 +18,7 @@ COLOURS = ("#e08a2e", "#3c78b4")  # first object, second object
 HAND_COLOUR = "#9a9a9a"
 TITLE = "Learned grasps, best first; hand frame, metres"
 
-Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
+MOST_FACES = 1200  # of an object: the page repeats every shape for every grasp
 
 
 def hand_mesh(q: NDArray[np.float64]) -> Mesh:
@@ -30,7 +31,7 @@ def hand_mesh(q: NDArray[np.float64]) -> Mesh:
     for link, pose, half in zip(hand.box_link, hand.box_pose, hand.box_half, strict=True):
         parts.append(trimesh.creation.box(2 * half, T[link] @ pose))
     for link, centre, radius in zip(hand.sphere_link, hand.sphere_centre, hand.sphere_radius, strict=True):
-        ball = trimesh.creation.icosphere(2, radius)
+        ball = trimesh.creation.icosphere(1, radius)
         parts.append(ball.apply_translation(transform_points(T[link], centre[None])[0]))
     joined: Any = trimesh.util.concatenate(parts)
     return np.asarray(joined.vertices), np.asarray(joined.faces)
@@ -40,12 +41,14 @@ def grasp_page(rows: Sequence[Mapping[str, Any]], objects: tuple[PreparedObject,
     """Return the page; ``rows`` are of a merged table, in the frames of ``objects``."""
     import plotly.graph_objects as go
 
+    shapes = [decimated((prepared.vertices, prepared.faces), MOST_FACES) for prepared in objects]
     figure = go.Figure()
     for index, row in enumerate(rows):
         meshes: list[tuple[Mesh, str, str]] = [(hand_mesh(np.asarray(row["q"], np.float64)), HAND_COLOUR, "hand")]
         for slot, prepared in enumerate(objects):
             T = pose_matrix(row[f"position_hand_object{slot}"], row[f"quaternion_hand_object{slot}"])
-            meshes.append(((transform_points(T, prepared.vertices), prepared.faces), COLOURS[slot], prepared.name))
+            vertices, faces = shapes[slot]
+            meshes.append(((transform_points(T, vertices), faces), COLOURS[slot], prepared.name))
         for (vertices, faces), colour, name in meshes:
             x, y, z = np.round(vertices, 5).T
             i, j, k = faces.T

@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from PIL import Image
 
+from pipeline.pictures.decimation import decimated
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.report import ReportParameters
 from pipeline.records.poses import pose_matrix
@@ -16,7 +17,7 @@ from pipeline.report.chosen_trials import choose_trials, chosen_moments
 from pipeline.report.figure_files import heat_map_picture, strip_picture
 from pipeline.report.page import PageContent, Strip, build_page, inert_json
 from pipeline.report.rates import pair_merge, pair_trials, single_grasp_funnel
-from pipeline.report.scene import UNIT, decimated, fractions, hexadecimal, shape_record, shown_grasps
+from pipeline.report.scene import UNIT, fractions, hexadecimal, shape_record, shown_grasps
 from pipeline.report.settings import described
 from pipeline.report.summary import summarize
 from pipeline.report.tables import SOURCES, Tables
