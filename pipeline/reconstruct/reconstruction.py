@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.compute.fan_out import worker_count
 from pipeline.reconstruct.accuracy import Accuracy, compare
 from pipeline.reconstruct.alignment import Alignment, align
 from pipeline.reconstruct.dense import DenseObject, dense_objects
@@ -69,7 +68,7 @@ def reconstruct(capture: Capture, settings: ReconstructParameters, seed: int, wo
     normals = normal_files(capture, photos) if settings.method == "2dgs" else {}
     sightings = {photo.name: detect_tags(photo, capture.tags) for photo in photos}
     check_sightings(sightings, capture.tags, settings.alignment)
-    sparse = sparse_model(photos, capture.intrinsics, settings.sparse, seed, worker_count(workers))
+    sparse = sparse_model(photos, capture.intrinsics, settings.sparse, seed)
     located = locate_corners(sparse.views, sightings, settings.alignment)
     alignment = align(located, capture.tags, settings.alignment)
     views = undistort_all(sparse.views, alignment.similarity)

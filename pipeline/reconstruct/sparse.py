@@ -16,6 +16,10 @@ from pipeline.records.captures import Intrinsics
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.reconstruct import SparseParameters
 
+# With more threads COLMAP's results differ from run to run: photos are numbered as their features get ready, and sums
+# of the bundle adjustment round differently.
+THREADS = 1
+
 
 @dataclass(frozen=True)
 class SparseView:
@@ -65,7 +69,7 @@ def _write_photos(photos: Sequence[Photo], folder: Path) -> list[str]:
 
 
 def _extract_and_match(
-    folder: Path, names: list[str], intrinsics: Intrinsics | None, settings: SparseParameters, threads: int, seed: int
+    folder: Path, names: list[str], intrinsics: Intrinsics | None, settings: SparseParameters, seed: int
 ) -> None:
     import pycolmap
 
@@ -78,7 +82,7 @@ def _extract_and_match(
     if (folder / "masks").exists():
         reader.mask_path = folder / "masks"
     extraction = pycolmap.FeatureExtractionOptions()
-    extraction.num_threads, extraction.use_gpu = threads, False
+    extraction.num_threads, extraction.use_gpu = THREADS, False
     extraction.sift.max_num_features = settings.features
     pycolmap.extract_features(
         database,
@@ -90,7 +94,7 @@ def _extract_and_match(
         device=pycolmap.Device.cpu,
     )
     matching = pycolmap.FeatureMatchingOptions()
-    matching.num_threads, matching.use_gpu = threads, False
+    matching.num_threads, matching.use_gpu = THREADS, False
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = seed
     pycolmap.match_exhaustive(
@@ -99,17 +103,17 @@ def _extract_and_match(
 
 
 def _map(folder: Path, settings: SparseParameters, calibrated: bool, seed: int) -> dict[int, Any]:
-    """Return COLMAP's models. One thread: with more, sums of the bundle adjustment round differently every time."""
+    """Return COLMAP's models."""
     import pycolmap
 
     database, images, target = folder / "database.db", folder / "images", folder / "sparse"
     target.mkdir()
     if settings.mapper == "global":
         whole = pycolmap.GlobalPipelineOptions()
-        whole.num_threads, whole.random_seed = 1, seed
+        whole.num_threads, whole.random_seed = THREADS, seed
         return dict(pycolmap.global_mapping(database, images, target, whole))
     options = pycolmap.IncrementalPipelineOptions()
-    options.num_threads, options.random_seed, options.multiple_models = 1, seed, True
+    options.num_threads, options.random_seed, options.multiple_models = THREADS, seed, True
     options.extract_colors = False
     if calibrated:
         options.ba_refine_focal_length = options.ba_refine_extra_params = False
@@ -133,12 +137,8 @@ def sparse_model(
     intrinsics: Intrinsics | None,
     settings: SparseParameters,
     seed: int,
-    threads: int,
 ) -> SparseModel:
     """Find the poses of all photos.
-
-    Args:
-        threads: for features and matches, whose result does not depend on it.
 
     Raises:
         UserError: too few photos fit together, or ``intrinsics.yaml`` is for photos of another size.
@@ -157,7 +157,7 @@ def sparse_model(
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         names = _write_photos(photos, folder)
-        _extract_and_match(folder, names, intrinsics, settings, threads, seed)
+        _extract_and_match(folder, names, intrinsics, settings, seed)
         models = _map(folder, settings, intrinsics is not None, seed)
     best = max(models.values(), key=lambda model: model.num_reg_images(), default=None)
     registered = best.num_reg_images() if best is not None else 0

@@ -23,7 +23,7 @@ def sparse(photos):
     from pipeline.reconstruct.sparse import sparse_model
     from pipeline.records.parameters import read_parameters
 
-    return sparse_model(photos, None, read_parameters().reconstruct.sparse, seed=1, threads=1)
+    return sparse_model(photos, None, read_parameters().reconstruct.sparse, seed=1)
 
 
 @pytest.fixture(scope="session")

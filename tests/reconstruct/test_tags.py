@@ -56,7 +56,7 @@ def test_all_photos_are_posed_and_the_cameras_are_where_they_were(sparse, locate
 def test_mapping_is_the_same_again(photos, sparse):
     from pipeline.reconstruct.sparse import sparse_model
 
-    again = sparse_model(photos, None, read_parameters().reconstruct.sparse, seed=1, threads=2)
+    again = sparse_model(photos, None, read_parameters().reconstruct.sparse, seed=1)
     for one, other in zip(sparse.views, again.views, strict=True):
         assert np.array_equal(one.T_camera_world, other.T_camera_world)
     assert np.array_equal(sparse.points, again.points)
