@@ -10,8 +10,8 @@ import pytest
 from pipeline.compute.fan_out import fan_out
 from pipeline.evaluate.grasps import accepted_grasps, grasp_orders
 from pipeline.evaluate.scene import build_scene, placed, placement_offsets
-from pipeline.evaluate.trial import RING, run_trial, trial_inputs
-from pipeline.hand.moves import finger_joints
+from pipeline.evaluate.trial import run_trial, trial_inputs
+from pipeline.hand.moves import RING_JOINTS, finger_joints
 from pipeline.physics.bodies import Body
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters
@@ -84,7 +84,7 @@ def test_pinch_that_does_not_close_slips(trial_input, grasp) -> None:
 
 def test_ring_finger_that_does_not_close_slips(trial_input, grasp) -> None:
     squeeze, q = grasp.squeeze_q.copy(), grasp.q.copy()
-    squeeze[RING] = q[RING] = grasp.open_q1[RING]
+    squeeze[RING_JOINTS] = q[RING_JOINTS] = grasp.open_q1[RING_JOINTS]
     row = run_trial(trial_input(grasps=(replace(grasp, squeeze_q=squeeze, q=q),)))
     assert (row["reason"], row["phase"]) == ("second slip", "lift second")
     assert row["height0"] > 0.2 and row["height1"] < 0.05
