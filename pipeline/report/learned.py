@@ -143,6 +143,8 @@ def learned_section(learned: Learned) -> str:
         "samples are refined on the grasp energy, ranked by it, and checked like any merged grasp; what passes is "
         "carried out like synthesized grasps.</p>\n"
         f"{loss_curves(learned.history)}"
+        "<p>Losses: mean squared error of the prediction. Where that of kept grasps rises and that of training falls, "
+        "there are too few grasps to learn more from than themselves.</p>\n"
         "<h3>Samples without physics</h3>\n"
         "<p>Medians. Overlap: the deepest point of hand or object inside the other. Contact distance: of the assigned "
         "contacts to the surface. Ranked: refined, and accepted by the checks. A sample is near to a grasp that was "

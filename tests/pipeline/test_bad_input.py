@@ -103,9 +103,9 @@ def test_an_unknown_object_is_answered_with_the_known_ones(sandbox):
     assert_one_sentence(done, "no object 'dragon'", "cube, plum, slender_cylinder, soup_can")
 
 
-@pytest.mark.parametrize("room", ["synthesize", "validate"])
+@pytest.mark.parametrize("room", [room for room, own in COMMANDS.items() if "--object" in own and room != "prepare"])
 def test_an_unprepared_object_is_named(sandbox, room):
-    done = run(sandbox, room, "--style", "pinch", "--object", "dragon")
+    done = run(sandbox, room, *COMMANDS[room][:-1], "dragon")
     assert_one_sentence(done, "dragon")
 
 

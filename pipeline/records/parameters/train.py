@@ -72,7 +72,7 @@ class DiffusionParameters(Section):
     """How noise is added, and what is predicted."""
 
     objective: Literal["clean", "epsilon", "flow"] = Field(
-        "clean", description="Prediction of the clean grasp, of the noise (paper), or of their difference on a line."
+        "flow", description="Prediction of the clean grasp, of the noise (paper), or of their difference on a line."
     )
     schedule: Literal["cosine", "published"] = Field(
         "cosine",
@@ -99,7 +99,7 @@ class SamplingParameters(Section):
     """From noise to grasps that a robot can try; every step can be switched off."""
 
     sampler: Literal["ddim", "ancestral", "dpm"] = Field(
-        "dpm", description="Without noise, with noise on the way (paper), or second order (DPM-Solver++)."
+        "ancestral", description="Without noise, with noise on the way (paper), or second order (DPM-Solver++)."
     )
     steps: int = Field(20, ge=2, le=1000, description="Evaluations of the network per sample. Paper: 100.")
     draws: int = Field(
