@@ -9,21 +9,20 @@ import argparse
 from typing import Any
 
 from pipeline.records import paths
-from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.running import run_stage
 
 # Where the grasps of a source are, and the stage that makes them.
-SOURCES = {
+GRASPS = {
     "synthesized": (paths.merged_file, "merge"),
     "learned": (paths.sampled_file, "sample"),
-    "reconstructed": (paths.reconstructed_file, "sample-reconstructed"),
+    paths.RECONSTRUCTED: (paths.reconstructed_file, "sample-reconstructed"),
 }
 
 
 def sections(source: str, object_name: str) -> list[str]:
     """Parameter sections that ``evaluate-<source>@<object>`` declares in ``dvc.yaml``."""
-    pairs = f"reconstructed.{object_name}" if source == "reconstructed" else "styles"
+    pairs = f"reconstructed.{object_name}" if source == paths.RECONSTRUCTED else "styles"
     return ["seed", pairs, "physics", "evaluate"]
 
 
@@ -33,14 +32,9 @@ def second_objects(source: str, first: str, parameters: dict[str, Any]) -> list[
     Raises:
         UserError: ``styles.pinch`` does not name the first object.
     """
-    if source == "reconstructed":
+    if source == paths.RECONSTRUCTED:
         return list(parameters[f"reconstructed.{first}"].side)
-    styles = parameters["styles"]
-    if first not in styles.pinch:
-        raise UserError(
-            f"params.yaml: styles.pinch does not name {first!r}; add it there, or use one of {', '.join(styles.pinch)}."
-        )
-    return list(styles.side)
+    return list(parameters["styles"].after(first))
 
 
 def evaluate(source: str, first: str) -> None:
@@ -63,12 +57,12 @@ def evaluate(source: str, first: str) -> None:
     from pipeline.records.objects import load_prepared_object
     from pipeline.records.tables import MERGED, TRIALS, read_table, write_table
 
-    file_of, made_by = SOURCES[source]
+    file_of, made_by = GRASPS[source]
     grasps = {
         second: accepted_grasps(read_table(file_of(first, second), MERGED, f"{made_by}@{first}")) for second in seconds
     }
     objects = {name: without_grid(load_prepared_object(name)) for name in dict.fromkeys([first, *seconds])}
-    if source == "reconstructed":
+    if source == paths.RECONSTRUCTED:
         capture = parameters[f"reconstructed.{first}"].capture
         T = {name: true_from_reconstructed(capture, prepared) for name, prepared in objects.items()}
         grasps = {
@@ -96,7 +90,7 @@ def evaluate(source: str, first: str) -> None:
 def main() -> int:
     """Parse the command line and run the stage."""
     parser = argparse.ArgumentParser(prog="python -m pipeline.evaluate", description=__doc__)
-    parser.add_argument("--source", required=True, choices=sorted(SOURCES), help="where the grasps come from")
+    parser.add_argument("--source", required=True, choices=sorted(GRASPS), help="where the grasps come from")
     parser.add_argument("--object", required=True, help="the object that is picked first, a name in params.yaml")
     arguments = parser.parse_args()
     return run_stage(

@@ -9,7 +9,6 @@ import argparse
 import sys
 
 from pipeline.records import paths
-from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.running import run_stage
 
@@ -27,32 +26,28 @@ def merge(first: str) -> None:
     """
     parameters = load_parameters(sections())
     workers = read_parameters().compute.workers
-    styles, seed = parameters["styles"], parameters["seed"]
-    if first not in styles.pinch:
-        raise UserError(
-            f"params.yaml: styles.pinch does not name {first!r}; add it there, or use one of {', '.join(styles.pinch)}."
-        )
+    seed, second_objects = parameters["seed"], parameters["styles"].after(first)
 
     from pipeline.merge.pairs import merge_pairs, ready_pinches, summary
     from pipeline.pairing.combination import Pair
     from pipeline.pairing.grasps import SingleGrasp, distinct_grasps, validated_grasps
+    from pipeline.pairing.readiness import settling_physics
     from pipeline.records.objects import load_prepared_object
     from pipeline.records.seeds import item_generator
     from pipeline.records.tables import MERGED, VALIDATED, read_table, write_table
     from pipeline.records.writing import whole_folder
 
-    settings, validate = parameters["merge"], parameters["validate"]
-    physics = validate.for_floating_hand(parameters["physics"])
+    settings, checks = parameters["merge"], [parameters[name] for name in ("merge", "physics", "validate")]
 
     def grasps(style: str, name: str) -> list[SingleGrasp]:
         table = read_table(paths.validated_file(style, name), VALIDATED, f"validate-{style}@{name}")
         return distinct_grasps(validated_grasps(table), settings.distinct_distance)
 
-    firsts, seconds = grasps("pinch", first), {name: grasps("side", name) for name in styles.side}
-    objects = {name: load_prepared_object(name) for name in dict.fromkeys([first, *styles.side])}
-    pairs = {name: Pair(objects[first], objects[name], settings, physics, validate) for name in styles.side}
-    generators = {name: item_generator(seed, "merge", first, name) for name in styles.side}
-    ready = ready_pinches(objects[first], physics if settings.physics_test else None, firsts, workers)
+    firsts, seconds = grasps("pinch", first), {name: grasps("side", name) for name in second_objects}
+    objects = {name: load_prepared_object(name) for name in dict.fromkeys([first, *second_objects])}
+    pairs = {name: Pair(objects[first], objects[name], *checks) for name in seconds}
+    generators = {name: item_generator(seed, "merge", first, name) for name in second_objects}
+    ready = ready_pinches(objects[first], settling_physics(*checks), firsts, workers)
     tables = merge_pairs(pairs, ready, seconds, generators, workers)
     for second, table in tables.items():
         print(f"{first} then {second}: {summary(table)}")

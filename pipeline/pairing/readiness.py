@@ -11,7 +11,9 @@ from pipeline.pairing.approach import first_opening
 from pipeline.pairing.grasps import SingleGrasp
 from pipeline.physics.settling import settle_pinch
 from pipeline.records.objects import PreparedObject
+from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.records.poses import inverse_pose
 
 
@@ -26,11 +28,18 @@ class ReadyPinch:
     opening_clearance: float  # m, smallest distance of the ring finger on that way
 
 
+def settling_physics(
+    merge: MergeParameters, physics: PhysicsParameters, validate: ValidateParameters
+) -> PhysicsParameters | None:
+    """Return the physics in which an object settles in the floating hand; None when nothing is tested in physics."""
+    return validate.for_floating_hand(physics) if merge.physics_test else None
+
+
 def ready_pinch(object0: PreparedObject, physics: PhysicsParameters | None, grasp: SingleGrasp) -> ReadyPinch:
     """Return what is known of one pinch grasp.
 
     Args:
-        physics: None: nothing settles, object and fingers stay as synthesized.
+        physics: of :func:`settling_physics`. None: nothing settles, object and fingers stay as synthesized.
     """
     held_q, T_hand_held0 = grasp.q, inverse_pose(grasp.T_object_hand)
     if physics is not None:

@@ -32,7 +32,7 @@ def work() -> None:
     from pipeline.report.scene import UNIT
     from pipeline.report.settings import section_rows
     from pipeline.report.summary import summarize
-    from pipeline.report.tables import RECONSTRUCTED, SOURCES, load_tables
+    from pipeline.report.tables import load_tables
 
     styles, evaluate = parameters["styles"], parameters["evaluate"]
     settings = {name: list(section_rows(name, value)) for name, value in parameters.items()}
@@ -45,12 +45,12 @@ def work() -> None:
     merges = [pair_merge(first, second, merged) for (first, second), merged in tables.merged.items()]
     trials = {
         source: [pair_trials(first, second, tables.trials[source, first]) for first, second in tables.merged]
-        for source in SOURCES
+        for source in paths.SOURCES
     }
     chosen = parameters["reconstructed"]
     if chosen:
-        trials[RECONSTRUCTED] = [
-            pair_trials(first, second, tables.trials[RECONSTRUCTED, first])
+        trials[paths.RECONSTRUCTED] = [
+            pair_trials(first, second, tables.trials[paths.RECONSTRUCTED, first])
             for first, item in chosen.items()
             for second in item.side
         ]

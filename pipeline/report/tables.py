@@ -11,8 +11,6 @@ from pipeline.records import paths
 from pipeline.records.parameters.objects import StylesParameters
 from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED, read_table
 
-SOURCES = ("synthesized", "learned")  # of all pairs
-RECONSTRUCTED = "reconstructed"  # a source of some pairs
 STYLES = ("pinch", "side")
 
 
@@ -32,6 +30,7 @@ def load_tables(styles: StylesParameters, reconstructed: Iterable[str]) -> Table
     Raises:
         UserError: a table is missing or damaged.
     """
+    firsts_of = dict.fromkeys(paths.SOURCES, styles.pinch) | {paths.RECONSTRUCTED: list(reconstructed)}
     singles = [(style, name) for style in STYLES for name in getattr(styles, style)]
     return Tables(
         candidates={
@@ -49,7 +48,7 @@ def load_tables(styles: StylesParameters, reconstructed: Iterable[str]) -> Table
         },
         trials={
             (source, first): read_table(paths.trials_file(source, first), TRIALS, f"evaluate-{source}@{first}")
-            for source, firsts in [*((source, styles.pinch) for source in SOURCES), (RECONSTRUCTED, reconstructed)]
+            for source, firsts in firsts_of.items()
             for first in firsts
         },
     )

@@ -14,7 +14,6 @@ from pipeline.records.running import run_stage
 from pipeline.records.writing import write_json
 
 LOCK_FILE = Path("dvc.lock")
-SOURCES = ("synthesized", "learned")
 
 
 def sections() -> list[str]:
@@ -109,7 +108,7 @@ def work() -> None:
         parameters["styles"],
         parameters["objects"],
         parameters["meshes"],
-        SOURCES,
+        paths.SOURCES,
         parameters["renderings"],
         parameters["captures"],
         parameters["reconstructed"],

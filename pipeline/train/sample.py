@@ -23,13 +23,11 @@ from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.running import run_stage
 
-RECONSTRUCTED = "reconstructed"
-
 
 def sections(source: str = "", object_name: str = "") -> list[str]:
     """Parameter sections of the stage ``sample@<object>``, or ``sample-reconstructed@<object>`` for that source."""
     synthesis = ["synthesize.energy", "synthesize.pinch", "synthesize.side"]
-    pairs = f"reconstructed.{object_name}" if source == RECONSTRUCTED else "styles"
+    pairs = f"reconstructed.{object_name}" if source == paths.RECONSTRUCTED else "styles"
     return ["seed", pairs, "train.sampling", *synthesis, "merge", "physics", "validate"]
 
 
@@ -41,11 +39,7 @@ def sample_pairs(first: str) -> None:
     """
     parameters = load_parameters(sections())
     workers = read_parameters().compute.workers
-    styles, seed = parameters["styles"], parameters["seed"]
-    if first not in styles.pinch:
-        raise UserError(
-            f"params.yaml: styles.pinch does not name {first!r}; add it there, or use one of {', '.join(styles.pinch)}."
-        )
+    seed, second_objects = parameters["seed"], parameters["styles"].after(first)
 
     import numpy as np
 
@@ -60,9 +54,9 @@ def sample_pairs(first: str) -> None:
 
     checkpoint = read_checkpoint(paths.MODEL_FOLDER)
     model = checkpoint.model()
-    objects = {name: load_prepared_object(name) for name in dict.fromkeys([first, *styles.side])}
+    objects = {name: load_prepared_object(name) for name in dict.fromkeys([first, *second_objects])}
     tables, figures = {}, {}
-    for second in styles.side:
+    for second in second_objects:
         pair = (objects[first], objects[second])
         points = (pair[0].surface_points, pair[1].surface_points)
         task = _task(parameters, pair, points, item_seed(seed, "train", "sample", first, second) % 2**31)
@@ -97,7 +91,7 @@ def sample_reconstructed(first: str) -> None:
     Raises:
         UserError: an input is missing or damaged, or ``reconstructed`` does not name the object.
     """
-    parameters = load_parameters(sections(RECONSTRUCTED, first))
+    parameters = load_parameters(sections(paths.RECONSTRUCTED, first))
     workers = read_parameters().compute.workers
     pairs, seed = parameters[f"reconstructed.{first}"], parameters["seed"]
 
@@ -119,7 +113,7 @@ def sample_reconstructed(first: str) -> None:
     for second in pairs.side:
         pair = (objects[first], objects[second])
         points = (pair[0].surface_points, pair[1].surface_points)
-        task = _task(parameters, pair, points, item_seed(seed, "train", RECONSTRUCTED, first, second) % 2**31)
+        task = _task(parameters, pair, points, item_seed(seed, "train", paths.RECONSTRUCTED, first, second) % 2**31)
         energy = pair_energy(task)
         drawn = draw_grasps(checkpoint, model, task, energy)
         table = tables[second] = check_grasps(task, drawn, workers)
@@ -226,13 +220,15 @@ def main(arguments: list[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--object", help="the object that is picked first, a name in params.yaml")
-    parser.add_argument("--source", choices=[RECONSTRUCTED], help="with --object: see the objects as photos show them")
+    parser.add_argument(
+        "--source", choices=[paths.RECONSTRUCTED], help="with --object: see the objects as photos show them"
+    )
     parser.add_argument("--object0", type=Path, help="file of the object that is pinched, metres, z up")
     parser.add_argument("--object1", type=Path, help="file of the object that ring finger and palm hold")
     parser.add_argument("-n", type=int, default=25, help="grasps wanted (default: %(default)s)")
     parser.add_argument("--output", type=Path, default=Path("grasps"), help="folder to write to (default: %(default)s)")
     chosen = parser.parse_args(arguments)
-    if chosen.object and chosen.source == RECONSTRUCTED:
+    if chosen.object and chosen.source == paths.RECONSTRUCTED:
         return run_stage(f"sample-reconstructed@{chosen.object}", lambda: sample_reconstructed(chosen.object))
     if chosen.object:
         return run_stage(f"sample@{chosen.object}", lambda: sample_pairs(chosen.object))

@@ -14,7 +14,7 @@ from pipeline.hand.parts import RING_LINKS
 from pipeline.merge.pairs import merge_pairs, ready_pinches, summary
 from pipeline.pairing.combination import Pair, try_combination
 from pipeline.pairing.grasps import distinct_grasps
-from pipeline.pairing.readiness import ready_pinch
+from pipeline.pairing.readiness import ready_pinch, settling_physics
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
@@ -86,6 +86,13 @@ def all_merged(workers: int, seconds: dict, **settings) -> dict[str, pd.DataFram
 
 def merged(workers: int, **settings) -> pd.DataFrame:
     return all_merged(workers, {"can": several(6)[1]}, **settings)["can"]
+
+
+def test_settling_is_a_test_with_a_floating_hand() -> None:
+    physics, validate = PhysicsParameters(contact_offset=0.03), ValidateParameters(contact_offset=0.004)
+    assert settling_physics(MergeParameters(physics_test=False), physics, validate) is None
+    settling = settling_physics(MergeParameters(physics_test=True), physics, validate)
+    assert settling == PhysicsParameters(contact_offset=0.004)
 
 
 def test_wanted_number_is_reached_balanced_and_without_repetition() -> None:

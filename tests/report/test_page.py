@@ -9,6 +9,7 @@ import trimesh
 from PIL import Image
 
 from pipeline.pictures.decimation import decimated
+from pipeline.records import paths
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.report import ReportParameters
 from pipeline.records.poses import pose_matrix
@@ -20,10 +21,10 @@ from pipeline.report.rates import pair_merge, pair_trials, single_grasp_funnel
 from pipeline.report.scene import UNIT, fractions, hexadecimal, shape_record, shown_grasps
 from pipeline.report.settings import described
 from pipeline.report.summary import summarize
-from pipeline.report.tables import RECONSTRUCTED, SOURCES, Tables
+from pipeline.report.tables import Tables
 from tests.report import made_up
 
-ALL_SOURCES = (*SOURCES, RECONSTRUCTED)
+ALL_SOURCES = (*paths.SOURCES, paths.RECONSTRUCTED)
 
 
 class Balance(HTMLParser):
