@@ -71,6 +71,11 @@ def trials_file(source: str, first: str) -> Path:
     return Path("data/evaluate") / source / f"{first}.parquet"
 
 
+def harder_file(setting: str) -> Path:
+    """Table of robot trials in a setting that is harder than the standard one."""
+    return Path("data/evaluate/harder") / f"{setting}.parquet"
+
+
 def capture_folder(name: str) -> Path:
     """Folder of the photos of a rendered capture."""
     return Path("data/capture") / name

@@ -13,8 +13,9 @@ from pipeline.records.writing import whole_file, whole_folder, write_json
 
 def sections() -> list[str]:
     """Parameter sections that the stage declares: all that its page shows, so all on which results depend."""
-    stages = ["prepare", "synthesize", "physics", "validate", "merge", "train", "evaluate", "reconstruct", "report"]
-    return ["scale", "seed", "styles", "objects", "meshes", "renderings", "captures", "reconstructed", *stages]
+    shown = ["scale", "seed", "styles", "objects", "meshes", "renderings", "captures", "reconstructed"]
+    single = ["prepare", "synthesize", "physics", "validate"]
+    return [*shown, *single, "merge", "train", "evaluate", "harder", "reconstruct", "report"]
 
 
 def work() -> None:
@@ -25,6 +26,7 @@ def work() -> None:
     from pipeline.report.diversity import diversity
     from pipeline.report.drawing import draw_views, load_objects
     from pipeline.report.figure_files import heat_map_picture, strip_picture
+    from pipeline.report.harder import load_harder
     from pipeline.report.learned import load_learned
     from pipeline.report.page import PageContent, build_page
     from pipeline.report.rates import pair_merge, pair_trials, single_grasp_funnel
@@ -57,7 +59,8 @@ def work() -> None:
     learned = load_learned(styles)
     reconstructed = load_reconstructed(parameters["captures"])
     metrics = {name: one.metrics for name, one in reconstructed.items()}
-    summary = summarize(parameters["scale"], funnels, merges, trials, metrics, learned)
+    harder = load_harder(parameters["harder"], evaluate, parameters["physics"], tables.trials)
+    summary = summarize(parameters["scale"], funnels, merges, trials, metrics, learned, harder)
     workers = read_parameters().compute.workers
     objects = load_objects(tables)
     used, pair_diversities = diversity(tables)
@@ -92,6 +95,7 @@ def work() -> None:
         settings=settings,
         learned=learned,
         reconstructed=reconstructed,
+        harder=harder,
     )
     from plotly.offline import get_plotlyjs
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from pipeline.report import paper
 from pipeline.report.charts import bars_with_table, data_uri, heat_map, percent, table
+from pipeline.report.harder import Harder, harder_section
 from pipeline.report.learned import Learned, learned_section
 from pipeline.report.meanings import MERGE, SYNTHESIS, TRIALS, VALIDATION, explained
 from pipeline.report.rates import Funnel, PairMerge, PairTrials, ratio, wilson_interval
@@ -71,6 +72,12 @@ class PageContent:
     settings: Mapping[str, Sequence[Row]]  # per section of params.yaml
     learned: Learned | None = None
     reconstructed: Mapping[str, Reconstructed] = field(default_factory=dict)  # per capture
+    harder: Sequence[Harder] = ()
+
+    @property
+    def criterion(self) -> str:
+        """The paper's rule of success in short."""
+        return f"{100 * self.success_height:g} cm, {self.hold_seconds:g} s"
 
 
 def inert_json(value: Any) -> str:
@@ -102,10 +109,15 @@ def build_page(content: PageContent, plotly_source: str) -> str:
             (f"success-{source}", f"Success: {SOURCE_TITLES[source]}", success_section(content, source, pairs))
             for source, pairs in content.trials.items()
         ],
+        *(
+            [("harder", "Harder settings", harder_section(found, content.criterion))]
+            if (found := content.harder)
+            else []
+        ),
         *([("learned", "The learned model", learned_section(content.learned))] if content.learned else []),
         *(
-            [("photos", "Objects from photos", reconstructed_section(found))]
-            if (found := content.reconstructed)
+            [("photos", "Objects from photos", reconstructed_section(photographed))]
+            if (photographed := content.reconstructed)
             else []
         ),
         ("pairs", "Every pair: grasps and trials", pairs_section(content.views)),
@@ -208,12 +220,11 @@ def success_section(content: PageContent, source: str, pairs: Sequence[PairTrial
         + [percent(float(summary[f"{prefix}.planning_failure_rate"]))]
         + [percent(float(summary[f"{prefix}.reachable_rate"]))]
     )
-    criterion = f"{100 * content.success_height:g} cm, {content.hold_seconds:g} s"
     headers = [
         "pair",
         "trials",
         "successes",
-        f"success ({criterion})",
+        f"success ({content.criterion})",
         "95 % interval",
         "success (10 cm)",
         "no plan found",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from pipeline.report.harder import Harder, harder_summary, reasons_of
 from pipeline.report.learned import Learned, learned_summary
 from pipeline.report.rates import Funnel, PairMerge, PairTrials, mean, ratio
 from pipeline.report.reconstructed import reconstructed_summary
@@ -24,6 +25,7 @@ def summarize(
     trials: dict[str, list[PairTrials]],
     reconstructions: Mapping[str, Mapping[str, Any]],
     learned: Learned | None = None,
+    harder: Sequence[Harder] = (),
 ) -> dict[str, Value]:
     """Return the summary, sorted by key.
 
@@ -31,6 +33,7 @@ def summarize(
         trials: per source of grasps, one entry per pair.
         reconstructions: per capture what its ``metrics.json`` holds.
         learned: of the model.
+        harder: one entry per harder setting.
     """
     values: dict[str, Value] = {"scale": scale}
     for funnel in funnels:
@@ -52,6 +55,9 @@ def summarize(
         values |= reconstructed_summary(capture, metrics)
     if learned:
         values |= learned_summary(learned, trials["learned"])
+    values |= harder_summary(harder)
+    for one in harder:
+        values |= _shares(f"evaluate.harder.{one.name}.failed", reasons_of(one.pairs), one.trials)
     return {key: rounded(values[key]) for key in sorted(values)}
 
 

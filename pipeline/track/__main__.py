@@ -18,19 +18,9 @@ LOCK_FILE = Path("dvc.lock")
 
 def sections() -> list[str]:
     """Parameter sections that the stage declares: all, except ``compute``, on which no result depends."""
-    results = ["prepare", "synthesize", "physics", "validate", "merge", "train", "evaluate", "reconstruct", "report"]
-    return [
-        "scale",
-        "seed",
-        "styles",
-        "objects",
-        "meshes",
-        "renderings",
-        "captures",
-        "reconstructed",
-        *results,
-        "track",
-    ]
+    shown = ["scale", "seed", "styles", "objects", "meshes", "renderings", "captures", "reconstructed"]
+    single = ["prepare", "synthesize", "physics", "validate"]
+    return [*shown, *single, "merge", "train", "evaluate", "harder", "reconstruct", "report", "track"]
 
 
 def read_json(source: Path, made_by: str) -> dict[str, Any]:
@@ -112,6 +102,7 @@ def work() -> None:
         parameters["renderings"],
         parameters["captures"],
         parameters["reconstructed"],
+        parameters["harder"]["settings"],
     )
     durations = read_json(paths.DURATIONS_FILE, "report") if paths.DURATIONS_FILE.exists() else {}
     curves = {"train": read_curve()}

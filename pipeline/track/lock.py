@@ -8,6 +8,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+HARDER = "evaluate-harder"  # its items are settings, not objects
+
 
 @dataclass(frozen=True)
 class LockedStage:
@@ -50,6 +52,7 @@ def stage_names(
     renderings: Iterable[str] = (),
     captures: Iterable[str] = (),
     reconstructed: Iterable[str] = (),
+    harder: Iterable[str] = (),
 ) -> list[str]:
     """Return the DVC names of all stages before ``track`` in order; ``dvc.lock`` also keeps stages that are gone."""
     names = [f"prepare@{name}" for name in objects] + [f"prepare-mesh@{name}" for name in meshes]
@@ -60,6 +63,7 @@ def stage_names(
     names += [f"evaluate-{source}@{first}" for source in sources for first in styles["pinch"]]
     names += [f"capture@{name}" for name in renderings] + [f"reconstruct@{name}" for name in captures]
     names += [f"{stage}-reconstructed@{first}" for stage in ("sample", "evaluate") for first in reconstructed]
+    names += [f"{HARDER}@{setting}" for setting in harder]
     return [*names, "report"]
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from pipeline.track.lock import LockedStage, digest
+from pipeline.track.lock import HARDER, LockedStage, digest
 
 UNKEYED = ("report",)  # its outputs follow from the summary and from package versions
 
@@ -66,10 +66,11 @@ def stage_metrics(stage: str, metrics: Mapping[str, float]) -> dict[str, float]:
 
     ``validate-pinch@cube`` gets ``validate.pinch.cube.survival_rate`` as ``survival_rate``; the stages of pairs keep
     the pair in the name: ``merge@cube`` gets ``cube--soup_can.accepted``, ``evaluate-synthesized@cube`` its own alike.
+    ``evaluate-harder@placement`` gets ``evaluate.harder.placement.lost`` as ``lost``.
     """
     kind, _, item = stage.partition("@")
     prefix = kind.replace("-", ".") + "."
-    if kind in ("merge", "sample") or kind.startswith("evaluate-"):
+    if kind in ("merge", "sample") or (kind.startswith("evaluate-") and kind != HARDER):
         return {key.removeprefix(prefix): v for key, v in metrics.items() if key.startswith(f"{prefix}{item}--")}
     if item:
         prefix += f"{item}."

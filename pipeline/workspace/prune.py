@@ -37,6 +37,7 @@ def stray_outputs(parameters: Parameters) -> list[Path]:
         wanted[Path("data") / gathered] = styles["pinch"]
     wanted |= {folder: styles["pinch"] for folder in Path("data/evaluate").glob("*") if folder.is_dir()}
     wanted[Path("data/evaluate/reconstructed")] = list(parameters.reconstructed)
+    wanted[Path("data/evaluate/harder")] = list(parameters.harder.settings)
     return sorted(
         entry
         for folder, names in wanted.items()

@@ -21,6 +21,7 @@ from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.capture import CaptureParameters, ReconstructedParameters, RenderingParameters
 from pipeline.records.parameters.evaluate import EvaluateParameters
+from pipeline.records.parameters.harder import HarderParameters, overridden
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.objects import MeshParameters, ObjectParameters, StylesParameters
 from pipeline.records.parameters.physics import PhysicsParameters
@@ -32,6 +33,8 @@ from pipeline.records.parameters.synthesize import SynthesizeParameters
 from pipeline.records.parameters.train import TrainParameters
 from pipeline.records.parameters.validate import ValidateParameters
 
+# What the members of a section are, where they are no objects.
+_KINDS = {"harder": "setting"}
 OBJECT_NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
@@ -58,6 +61,7 @@ class Parameters(Section):
     merge: MergeParameters
     train: TrainParameters
     evaluate: EvaluateParameters
+    harder: HarderParameters
     reconstruct: ReconstructParameters
     report: ReportParameters
     track: TrackParameters
@@ -104,12 +108,36 @@ class Parameters(Section):
         return self
 
     @model_validator(mode="after")
+    def _harder_settings_agree(self) -> Parameters:
+        for first, second in self.harder.pairs:
+            if first not in self.styles.pinch or second not in self.styles.side:
+                raise ValueError(
+                    f"harder.pairs: {first} then {second} is no pair of styles.pinch and styles.side; remove it there"
+                )
+        if self.harder.settings and self.harder.trials > self.evaluate.trials:
+            raise ValueError(f"harder.trials must not exceed evaluate.trials ({self.evaluate.trials})")
+        for name, setting in self.harder.settings.items():
+            if not OBJECT_NAME.fullmatch(name):
+                raise ValueError(f"harder setting {name!r}: use small letters, digits and underscores, a letter first")
+            if "trials" in setting.evaluate:
+                raise ValueError(f"harder.settings.{name}.evaluate: trials are set by harder.trials for all settings")
+            for section in ("evaluate", "physics"):
+                try:
+                    overridden(getattr(self, section), getattr(setting, section))
+                except ValueError as error:
+                    raise ValueError(f"harder.settings.{name}.{section}: {error}") from error
+        return self
+
+    @model_validator(mode="after")
     def _stages_agree(self) -> Parameters:
         samples = self.prepare.surface_points
         if self.synthesize.energy.object_points > samples:
             raise ValueError(f"synthesize.energy.object_points must not exceed prepare.surface_points ({samples})")
         if self.physics.frequency % self.evaluate.control_frequency:
             raise ValueError(f"evaluate.control_frequency must divide physics.frequency ({self.physics.frequency})")
+        for name, setting in self.harder.settings.items():
+            if {"frequency"} & set(setting.physics) or {"control_frequency"} & set(setting.evaluate):
+                raise ValueError(f"harder.settings.{name}: frequencies are the same in all settings; remove them there")
         return self
 
 
@@ -164,7 +192,8 @@ def _section(parameters: Parameters, name: str, source: Path) -> Any:
                 known = ", ".join(sorted(value)) or "none yet"
                 section = name.split(".")[0]
                 raise UserError(
-                    f"{source}: there is no object {part!r} under `{section}`; add it there, or use one of {known}."
+                    f"{source}: there is no {_KINDS.get(section, 'object')} {part!r} under `{section}`; add it there, "
+                    f"or use one of {known}."
                 )
             value = value[part]
         else:

@@ -1,0 +1,81 @@
+"""`python -m pipeline.evaluate.harder --setting placement`: some pairs tried once more in a harder setting.
+
+Grasps, seeds and order are those of the standard trials, so that every row compares with the standard trial of the
+same pair and number. Writes ``data/evaluate/harder/<setting>.parquet``.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from pipeline.records import paths
+from pipeline.records.parameters import load_parameters, read_parameters
+from pipeline.records.parameters.harder import overridden
+from pipeline.records.running import run_stage
+
+
+def sections(setting: str) -> list[str]:
+    """Parameter sections that ``evaluate-harder@<setting>`` declares in ``dvc.yaml``."""
+    return ["seed", "physics", "evaluate", "harder.pairs", "harder.trials", f"harder.settings.{setting}"]
+
+
+def evaluate(name: str) -> None:
+    """Run all trials of one setting and write their table.
+
+    Raises:
+        UserError: an input is missing or damaged, or params.yaml does not name the setting.
+    """
+    parameters = load_parameters(sections(name))
+    workers = read_parameters().compute.workers
+    setting, pairs = parameters[f"harder.settings.{name}"], parameters["harder.pairs"]
+    settings = overridden(parameters["evaluate"], {**setting.evaluate, "trials": parameters["harder.trials"]})
+    physics = overridden(parameters["physics"], setting.physics)
+
+    import pandas as pd
+
+    from pipeline.compute.fan_out import fan_out
+    from pipeline.evaluate.grasps import accepted_grasps
+    from pipeline.evaluate.scene import without_grid
+    from pipeline.evaluate.trial import run_trial, trial_inputs
+    from pipeline.records.objects import load_prepared_object
+    from pipeline.records.tables import MERGED, TRIALS, read_table, write_table
+
+    file_of, made_by = {
+        "synthesized": (paths.merged_file, "merge"),
+        "learned": (paths.sampled_file, "sample"),
+    }[setting.source]
+    grasps = {
+        (first, second): accepted_grasps(read_table(file_of(first, second), MERGED, f"{made_by}@{first}"))
+        for first, second in pairs
+    }
+    objects = {
+        name: without_grid(load_prepared_object(name))
+        for name in dict.fromkeys(name for pair in pairs for name in pair)
+    }
+    inputs = [
+        trial
+        for first, second in pairs
+        for trial in trial_inputs(
+            setting.source,
+            (objects[first], objects[second]),
+            grasps[first, second],
+            settings,
+            physics,
+            parameters["seed"],
+        )
+    ]
+    rows = pd.DataFrame(fan_out(run_trial, inputs, workers, f"trials of {name}"), columns=TRIALS.names)
+    write_table(paths.harder_file(name), rows, TRIALS)
+    print(f"{name}: {int(rows['success'].sum())} of {len(rows)} trials lifted both objects")
+
+
+def main() -> int:
+    """Parse the command line and run the stage."""
+    parser = argparse.ArgumentParser(prog="python -m pipeline.evaluate.harder", description=__doc__)
+    parser.add_argument("--setting", required=True, help="a name under harder.settings in params.yaml")
+    arguments = parser.parse_args()
+    return run_stage(f"evaluate-harder@{arguments.setting}", lambda: evaluate(arguments.setting))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

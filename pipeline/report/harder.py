@@ -1,0 +1,209 @@
+"""Harder settings beside the standard trials: the same pairs, grasps and seeds, so that trials compare one to one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+
+import pandas as pd
+
+from pipeline.records import paths
+from pipeline.records.parameters.evaluate import EvaluateParameters
+from pipeline.records.parameters.harder import HarderParameters, HarderSetting
+from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.tables import TRIALS, read_table
+from pipeline.report import meanings
+from pipeline.report.charts import bars_with_table, percent, table
+from pipeline.report.rates import PairTrials, mean, pair_trials, ratio
+from pipeline.report.settings import described
+
+IDENTITY = ["object0", "object1", "trial"]
+SUCCESS = "success"
+
+
+@dataclass(frozen=True)
+class Change:
+    """One parameter that a setting replaces."""
+
+    name: str
+    standard: str
+    here: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Harder:
+    """One setting."""
+
+    name: str
+    source: str  # of the grasps
+    changes: Sequence[Change]
+    pairs: Sequence[PairTrials]
+    standard: Sequence[PairTrials]  # of the same trials in the standard setting
+    lost: int  # trials that succeed in the standard setting and not here
+    gained: int  # the other way round
+
+    @property
+    def trials(self) -> int:
+        """Trials of all pairs."""
+        return sum(pair.trials for pair in self.pairs)
+
+
+def load_harder(
+    parameters: HarderParameters,
+    evaluate: EvaluateParameters,
+    physics: PhysicsParameters,
+    trials: Mapping[tuple[str, str], pd.DataFrame],
+) -> list[Harder]:
+    """Read the tables of all settings and compare them with the standard trials.
+
+    Args:
+        evaluate, physics: of the standard trials.
+        trials: tables of the standard trials by (source, first object).
+
+    Raises:
+        UserError: a table is missing or damaged.
+    """
+    firsts = dict.fromkeys(first for first, _ in parameters.pairs)
+    found = []
+    for name, setting in parameters.settings.items():
+        rows = read_table(paths.harder_file(name), TRIALS, f"evaluate-harder@{name}")
+        standard = pd.concat([trials[setting.source, first] for first in firsts])
+        found.append(compared(name, setting, rows, standard, parameters.pairs, changes_of(setting, evaluate, physics)))
+    return found
+
+
+def changes_of(setting: HarderSetting, evaluate: EvaluateParameters, physics: PhysicsParameters) -> list[Change]:
+    """Return what a setting replaces, with the meaning that the parameters' own types give."""
+    changes = []
+    for section, standard in (("evaluate", evaluate), ("physics", physics)):
+        for key, value in getattr(setting, section).items():
+            name, meaning = f"{section}.{key}", type(standard).model_fields[key].description or ""
+            (before,), (here,) = described(name, getattr(standard, key)), described(name, value)
+            changes.append(Change(name, before[1], here[1], meaning))
+    return changes
+
+
+def compared(
+    name: str,
+    setting: HarderSetting,
+    rows: pd.DataFrame,
+    standard: pd.DataFrame,
+    pairs: Sequence[tuple[str, str]],
+    changes: Sequence[Change],
+) -> Harder:
+    """Count one setting's trials, and the standard trials of the same pairs and numbers, ``standard`` may hold more."""
+    both = rows[[*IDENTITY, "success"]].merge(standard, on=IDENTITY, suffixes=("", "_standard"), validate="1:1")
+    same = standard.merge(rows[IDENTITY], on=IDENTITY, validate="1:1")
+    here, there = both["success"].astype(bool), both["success_standard"].astype(bool)
+    return Harder(
+        name=name,
+        source=setting.source,
+        changes=changes,
+        pairs=[pair_trials(first, second, rows) for first, second in pairs],
+        standard=[pair_trials(first, second, same) for first, second in pairs],
+        lost=int((there & ~here).sum()),
+        gained=int((here & ~there).sum()),
+    )
+
+
+def reasons_of(pairs: Sequence[PairTrials]) -> dict[str, int]:
+    """Return how many trials of all pairs ended for which reason, sorted by reason."""
+    counts: dict[str, int] = {}
+    for pair in pairs:
+        for reason, count in pair.reasons.items():
+            counts[reason] = counts.get(reason, 0) + count
+    return dict(sorted(counts.items()))
+
+
+def harder_summary(found: Sequence[Harder]) -> dict[str, float | int]:
+    """Return the settings' part of the summary; the shares of failures are added by the caller."""
+    values: dict[str, float | int] = {}
+    for one in found:
+        prefix = f"evaluate.harder.{one.name}"
+        values |= {
+            f"{prefix}.trials": one.trials,
+            f"{prefix}.success_rate_mean": mean([pair.success_rate for pair in one.pairs]),
+            f"{prefix}.success_rate_min_pair": min((pair.success_rate for pair in one.pairs), default=0.0),
+            f"{prefix}.success_rate_mean_10cm": mean([pair.success_rate_10cm for pair in one.pairs]),
+            f"{prefix}.planning_failure_rate": ratio(sum(pair.planning_failures for pair in one.pairs), one.trials),
+            f"{prefix}.standard_success_rate_mean": mean([pair.success_rate for pair in one.standard]),
+            f"{prefix}.standard_success_rate_mean_10cm": mean([pair.success_rate_10cm for pair in one.standard]),
+            f"{prefix}.lost": ratio(one.lost, one.trials),
+            f"{prefix}.gained": ratio(one.gained, one.trials),
+        }
+        for pair in one.pairs:
+            item = f"{prefix}.{pair.first}--{pair.second}"
+            values |= {f"{item}.success_rate": pair.success_rate, f"{item}.success_rate_10cm": pair.success_rate_10cm}
+    return values
+
+
+def _spoken(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _columns(found: Sequence[Harder]) -> list[tuple[str, Sequence[PairTrials]]]:
+    """Return title and pairs of every column: the standard trials of each source, then the settings with its grasps."""
+    columns: list[tuple[str, Sequence[PairTrials]]] = []
+    for source in dict.fromkeys(one.source for one in found):
+        own = [one for one in found if one.source == source]
+        columns.append((f"standard, {source} grasps", own[0].standard))
+        columns += [(f"{_spoken(one.name)}, {source} grasps", one.pairs) for one in own]
+    return columns
+
+
+def _rates_table(columns: Sequence[tuple[str, Sequence[PairTrials]]], released_rule: bool) -> str:
+    """Return success per pair and column; by the released code's rule or by the paper's."""
+    rows = []
+    for index, pair in enumerate(columns[0][1]):
+        cells = []
+        for _, pairs in columns:
+            own = pairs[index]
+            count = own.successes_10cm if released_rule else own.successes
+            cells.append(f"{percent(ratio(count, own.trials))} ({count} of {own.trials})")
+        rows.append([f"{_spoken(pair.first)} + {_spoken(pair.second)}", *cells])
+    means = [
+        percent(mean([pair.success_rate_10cm if released_rule else pair.success_rate for pair in pairs]))
+        for _, pairs in columns
+    ]
+    return table(["pair", *(title for title, _ in columns)], [*rows, ["mean over pairs", *means]])
+
+
+def harder_section(found: Sequence[Harder], criterion: str) -> str:
+    """Return what each setting changes, and success by both rules, losses and reasons beside the standard trials.
+
+    Args:
+        criterion: the paper's rule in short, such as ``20 cm, 2 s``.
+    """
+    columns = _columns(found)
+    changed = [
+        [_spoken(one.name), change.name, change.standard, change.here, change.meaning]
+        for one in found
+        for change in one.changes
+    ]
+    sums = [
+        [_spoken(one.name), str(one.trials), percent(mean([pair.success_rate for pair in one.pairs]))]
+        + [percent(min(pair.success_rate for pair in one.pairs))]
+        + [percent(mean([pair.success_rate_10cm for pair in one.pairs]))]
+        + [f"{one.lost} ({percent(ratio(one.lost, one.trials))})"]
+        + [f"{one.gained} ({percent(ratio(one.gained, one.trials))})"]
+        for one in found
+    ]
+    headers = ["setting", "trials", f"mean success ({criterion})", "worst pair", "mean success (10 cm)"]
+    headers += ["lost", "gained"]
+    bars = [(title, {SUCCESS: sum(pair.successes for pair in pairs), **reasons_of(pairs)}) for title, pairs in columns]
+    return (
+        "<p>The first trials of some pairs once more, in settings that differ from the standard one in a few values. "
+        "Grasps, seeds and order are the same and nothing is made for the setting: a grasp was synthesized, validated "
+        "and merged as for the standard trials. Placements are drawn from the same random numbers.</p>\n"
+        f"{table(['setting', 'parameter', 'standard', 'here', 'meaning'], changed)}"
+        f"<h3>Success: both objects up, {escape(criterion)}</h3>\n{_rates_table(columns, False)}"
+        "<h3>Success by the released code’s rule: more than 10 cm at the end of the lift</h3>\n"
+        f"{_rates_table(columns, True)}"
+        "<h3>Trial by trial</h3>\n<p>Lost: the standard trial of the same number succeeded, this one did not. Gained: "
+        f"the other way round.</p>\n{table(headers, sums)}"
+        "<h3>Why trials failed</h3>\n"
+        + bars_with_table(bars, SUCCESS, "Outcomes of trials per setting", "setting")
+        + meanings.explained((reason for _, pairs in columns for reason in reasons_of(pairs)), meanings.TRIALS)
+    )
