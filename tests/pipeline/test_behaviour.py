@@ -114,6 +114,7 @@ def test_headline_figures_are_in_the_summary(finished):
         "reconstruct.tiny.reprojection_px",
         "reconstruct.tiny.alignment_mm",
         "reconstruct.tiny.chamfer_mm_max",
+        "evaluate.harder.placement.success_rate_mean",
     } <= set(summary)
     assert list(summary) == sorted(summary)
     assert finished.recorded_runs() >= 2  # a parent run and its stages
@@ -157,6 +158,14 @@ def test_a_pinch_parameter_runs_no_side_stage(workspace):
     assert set(workspace.repro().ran) <= {"report", "track"}
     assert workspace.fingerprints() == before
     assert workspace.recorded_runs() == after
+
+
+def test_a_harder_setting_runs_its_own_trials_and_no_others(workspace):
+    before = workspace.fingerprints("data")
+    changed(workspace, "harder.settings.placement.evaluate.perturbation", 0.02)
+    assert workspace.repro().ran == ["evaluate-harder@placement", "report", "track"]
+    after = workspace.fingerprints("data")
+    assert {path for path in after if after[path] != before.get(path)} == {"data/evaluate/harder/placement.parquet"}
 
 
 def test_workers_are_no_parameter_of_any_stage(workspace):
@@ -212,7 +221,7 @@ def test_an_object_of_one_s_own_comes_and_goes(workspace):
     gone = workspace.repro()
     cube = {"merge@cube", "train", "sample@cube", "evaluate-synthesized@cube", "evaluate-learned@cube"}
     shown = {"capture@tiny", "sample-reconstructed@cube", "evaluate-reconstructed@cube"}
-    assert set(gone.ran) <= {*shown, *cube, "report", "track"}, gone.output
+    assert set(gone.ran) <= {*shown, *cube, "evaluate-harder@placement", "report", "track"}, gone.output
     assert workspace.recorded_runs() == runs
     assert objects_in_tables(workspace) == tables
     assert "small_box" not in (workspace / "reports/summary.json").read_text()
@@ -254,6 +263,8 @@ def perturbed(content: dict, declared: tuple[str, ...]) -> dict:
 
     changed_content = copy.deepcopy(content)
     changed_content["compute"]["workers"] = 1
+    if not any(name.startswith("harder") for name in declared):
+        changed_content["harder"] |= {"pairs": [], "settings": {}}  # they would hold styles and physics in place
 
     def try_value(parent: dict, key: str, value) -> None:
         old, parent[key] = parent[key], value
@@ -287,7 +298,13 @@ def stage_names() -> list[str]:
     names = [f"prepare@{name}" for name in styles.values()]
     names += [f"{stage}-{style}@{name}" for stage in ("synthesize", "validate") for style, name in styles.items()]
     names += ["merge@cube", "train", "sample@cube", "evaluate-synthesized@cube", "evaluate-learned@cube"]
-    names += ["capture@tiny", "reconstruct@tiny", "sample-reconstructed@cube", "evaluate-reconstructed@cube"]
+    names += [
+        "evaluate-harder@placement",
+        "capture@tiny",
+        "reconstruct@tiny",
+        "sample-reconstructed@cube",
+        "evaluate-reconstructed@cube",
+    ]
     return [*names, "report"]
 
 

@@ -44,6 +44,15 @@ def test_parameters_are_the_stage_s_own_sections(stage):
     assert sorted(stage.parameters) == sorted(stage.sections())
 
 
+def test_a_harder_setting_is_a_parameter_of_its_own_stage_alone():
+    own = {stage.name for stage in STAGES for name in stage.parameters if name.startswith("harder.settings.")}
+    assert own == {stage.name for stage in STAGES if stage.name.startswith("evaluate-harder@")} != set()
+    assert {stage.name for stage in STAGES if {"harder", "harder.settings"} & set(stage.parameters)} == {
+        "report",
+        "track",
+    }
+
+
 @each_room
 def test_rooms_of_stages_do_not_import_each_other(room):
     rooms = {path.parts[1] for path in true_imports(ROOT, f"pipeline.{room}.__main__") if len(path.parts) > 2}

@@ -33,6 +33,8 @@ def test_only_outputs_of_objects_no_longer_named_are_removed(empty_folder, param
         "data/train/plum/quality.json",
         "data/evaluate/synthesized/plum.parquet",
         "data/evaluate/learned/cube.parquet",
+        "data/evaluate/harder/placement.parquet",
+        "data/evaluate/harder/.gitkeep",
         "data/merge/cube/soup_can.parquet",
         "data/raw/lemon.stl",
         "data/prepare/.gitignore",
@@ -43,6 +45,8 @@ def test_only_outputs_of_objects_no_longer_named_are_removed(empty_folder, param
         "data/validate/side/cube.parquet",  # cube is an object, but not held by ring and palm
         "data/evaluate/synthesized/lemon.parquet",
         "data/evaluate/learned/lemon.parquet",
+        "data/evaluate/harder/windy.parquet",
+        "data/evaluate/harder/cube.parquet",  # an object, but no setting
         "data/merge/lemon/soup_can.parquet",
         "data/merge/soup_can/soup_can.parquet",  # not pinched
         "data/merge/cube--soup_can.parquet",

@@ -71,6 +71,25 @@ def test_the_committed_file_is_valid(repository):
         ("evaluate.control_frequency", 30, "evaluate.control_frequency must divide physics.frequency (200)"),
         ("evaluate.shorter_entries", [0.1, -0.1], "evaluate.shorter_entries.1: Input should be greater than 0"),
         ("merge.approach_lengths", [0.0], "merge.approach_lengths.0: Input should be greater than 0"),
+        (
+            "harder.pairs",
+            [["cube", "lemon"]],
+            "harder.pairs: cube then lemon is no pair of styles.pinch and styles.side",
+        ),
+        ("harder.pairs", [["cube", "soup_can"]] * 2, "harder: pairs names a pair twice"),
+        ("harder.pairs", [], "harder: pairs is empty, so no setting would be tried"),
+        ("harder.trials", 26, "harder.trials must not exceed evaluate.trials (25)"),
+        ("harder.settings.placement.grasps", "data/raw", "harder.settings.placement.grasps: Input should be"),
+        ("harder.settings.placement.evaluate.trials", 2, "trials are set by harder.trials for all settings"),
+        ("harder.settings.placement.physics.friction", 1, "placement.physics: friction: unknown parameter (misspelt?)"),
+        (
+            "harder.settings.placement.evaluate.perturbation",
+            9,
+            "placement.evaluate: perturbation: Input should be less",
+        ),
+        ("harder.settings.placement.evaluate.lift_height", 0.1, "lift_height must be larger than success_height"),
+        ("harder.settings.placement.physics.frequency", 400, "frequencies are the same in all settings"),
+        ("harder.settings.Windy", {"grasps": "data/merge", "evaluate": {}, "physics": {}}, "harder setting 'Windy'"),
         ("prepare.surface_points", 1000, "synthesize.energy.object_points must not exceed prepare.surface_points"),
     ],
 )
@@ -116,6 +135,11 @@ def test_an_unknown_object_is_answered_with_the_known_ones(repository):
         UserError, match="there is no object 'dragon' under `objects`; add it .* or use one of cube, plum"
     ):
         load_parameters(["objects.dragon"], repository / "params.yaml")
+
+
+def test_an_unknown_harder_setting_is_called_a_setting(repository):
+    with pytest.raises(UserError, match="there is no setting 'windy' under `harder`; .* use one of friction_0_6, "):
+        load_parameters(["harder.settings.windy"], repository / "params.yaml")
 
 
 def test_values_are_read_only(repository):

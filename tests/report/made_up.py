@@ -3,7 +3,9 @@
 import numpy as np
 import pandas as pd
 
+from pipeline.records.parameters.harder import HarderSetting
 from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED
+from pipeline.report.harder import Change, Harder, compared
 from pipeline.report.learned import Learned
 from pipeline.report.rates import pair_merge
 from pipeline.report.reconstructed import Reconstructed
@@ -160,3 +162,22 @@ RECONSTRUCTION = {
 def reconstructed() -> dict[str, Reconstructed]:
     """One capture with two pictures, no real ones."""
     return {"demo": Reconstructed(RECONSTRUCTION, {"photo_<0>": (b"taken", b"found")})}
+
+
+def harder(first: str, seconds: list[str], numbers: int = 3, standard: pd.DataFrame | None = None) -> Harder:
+    """The setting `icy`: trial 0 with the last object fails, and trial 2 with the first succeeds."""
+    rows = trials(first, seconds)
+    fails = (rows["object1"] == seconds[-1]) & (rows["trial"] == 0)
+    rows.loc[fails, ["success", "success_10cm"]] = False
+    rows.loc[fails, "reason"] = "first slip"
+    succeeds = (rows["object1"] == seconds[0]) & (rows["trial"] == 2)
+    rows.loc[succeeds, ["success", "success_10cm"]] = True
+    rows.loc[succeeds, "reason"] = ""
+    return compared(
+        "icy",
+        HarderSetting(grasps="data/merge", evaluate={}, physics={"object_friction": 0.1}),
+        rows[rows["trial"] < numbers],
+        trials(first, seconds) if standard is None else standard,
+        [(first, second) for second in seconds],
+        [Change("physics.object_friction", "0.9", "0.1", "Paper: <0.9>.")],
+    )

@@ -102,6 +102,7 @@ def content(tables) -> PageContent:
         settings={"report": list(described("report", settings))},
         learned=learned,
         reconstructed=made_up.reconstructed(),
+        harder=[made_up.harder("cube", ["can"])],
     )
 
 

@@ -25,7 +25,8 @@ def summary() -> dict:
     counted = [pair_trials("cube", side, trials) for side in SIDES]
     sources = {"synthesized": counted, "learned": counted}
     reconstructions = {"demo": made_up.RECONSTRUCTION}
-    return summarize("tiny", funnels, merges, sources, reconstructions, made_up.learned("cube", SIDES))
+    learned, harder = made_up.learned("cube", SIDES), [made_up.harder("cube", SIDES)]
+    return summarize("tiny", funnels, merges, sources, reconstructions, learned, harder)
 
 
 def documented_patterns(repository: Path) -> list[re.Pattern]:
@@ -39,6 +40,7 @@ def documented_patterns(repository: Path) -> list[re.Pattern]:
             ("source", "[a-z]+"),
             ("object", "[a-z0-9_]+"),
             ("capture", "[a-z0-9_]+"),
+            ("setting", "[a-z0-9_]+"),
             ("first", "[a-z0-9_]+"),
             ("second", "[a-z0-9_]+"),
             ("check", "[a-z0-9_.]+"),
@@ -67,6 +69,11 @@ def test_headline_figures(summary):
     assert summary["evaluate.synthesized.success_rate_mean"] == pytest.approx(1 / 3, abs=1e-6)
     assert summary["evaluate.synthesized.success_rate_mean_10cm"] == pytest.approx(2 / 3, abs=1e-6)
     assert summary["evaluate.synthesized.planning_failure_rate"] == pytest.approx(1 / 3, abs=1e-6)
+
+
+def test_figures_of_a_harder_setting(summary):
+    assert summary["evaluate.harder.icy.trials"] == 6
+    assert summary["evaluate.harder.icy.failed.first_slip"] == pytest.approx(1 / 6, abs=1e-6)
 
 
 def test_figures_of_the_model(summary):

@@ -38,6 +38,10 @@ def test_only_live_stages_are_taken_from_the_lock():
     assert NAMES[:4] == ["prepare@cube", "prepare@can", "prepare-mesh@mug", "synthesize-pinch@cube"]
 
 
+def test_harder_settings_are_stages_too():
+    assert stage_names({"pinch": ["cube"]}, [], [], [], harder=["icy"])[-2:] == ["evaluate-harder@icy", "report"]
+
+
 @pytest.mark.parametrize(
     ("key", "value"),
     [
@@ -71,12 +75,15 @@ def test_metrics_go_to_the_stage_that_they_are_of():
         "evaluate.synthesized.plum--can.success_rate": 0.0,
         "train.validation_loss": 0.5,
         "sample.cube--can.tried": 9,
+        "evaluate.harder.placement.lost": 0.25,
+        "evaluate.harder.placement.cube--can.success_rate": 0.75,
     }
     assert stage_metrics("validate-pinch@cube", metrics) == {"survival_rate": 0.5, "rejected.gravity.minus_x": 0.1}
     assert stage_metrics("merge@cube", metrics) == {"cube--can.accepted": 4}
     assert stage_metrics("evaluate-synthesized@cube", metrics) == {"cube--can.success_rate": 1.0}
     assert stage_metrics("prepare@cube", metrics) == {}
     assert stage_metrics("train", metrics) == {"validation_loss": 0.5}
+    assert stage_metrics("evaluate-harder@placement", metrics) == {"lost": 0.25, "cube--can.success_rate": 0.75}
     assert stage_metrics("sample@cube", metrics) == {"cube--can.tried": 9}
 
 

@@ -1,0 +1,53 @@
+"""Trials in a harder setting: the same grasps, seeds and random numbers as the standard ones."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.evaluate.harder import sections
+from pipeline.evaluate.scene import placement_offsets
+from pipeline.records.parameters import load_parameters, read_parameters
+from pipeline.records.parameters.evaluate import EvaluateParameters
+from pipeline.records.parameters.harder import overridden
+from pipeline.records.parameters.physics import PhysicsParameters
+
+
+def test_sections_exist_in_the_committed_parameters(repository: Path) -> None:
+    for setting in read_parameters(repository / "params.yaml").harder.settings:
+        assert set(load_parameters(sections(setting), repository / "params.yaml")) == set(sections(setting))
+
+
+@pytest.mark.parametrize(
+    ("setting", "sentence"),
+    [
+        ("windy", "there is no setting 'windy' under `harder`"),
+        ("placement", "data/merge/cube/soup_can.parquet is missing; run `dvc repro merge@cube`"),
+    ],
+)
+def test_bad_input_is_one_sentence(run_module, tmp_path, repository, setting, sentence) -> None:
+    (tmp_path / "params.yaml").write_text((repository / "params.yaml").read_text())
+    environment = os.environ | {"PYTHONPATH": str(repository)}
+    done = run_module("pipeline.evaluate.harder", "--setting", setting, folder=tmp_path, env=environment)
+    assert done.returncode == 2 and sentence in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "data" / "evaluate").exists()
+
+
+def test_only_the_named_values_differ() -> None:
+    standard = PhysicsParameters(object_friction=0.8)
+    changed = overridden(standard, {"hand_torque_limit": 50})
+    assert changed.hand_torque_limit == 50.0 and isinstance(changed.hand_torque_limit, float)
+    assert changed.model_copy(update={"hand_torque_limit": standard.hand_torque_limit}) == standard
+    with pytest.raises(ValueError, match="^hand_torque: unknown parameter"):
+        overridden(standard, {"hand_torque": 50})
+
+
+def test_a_wider_placement_stretches_the_same_offsets() -> None:
+    standard = EvaluateParameters(perturbation=0.005, yaw_perturbation=0.1)
+    wider = overridden(standard, {"perturbation": 0.01, "yaw_perturbation": 0.2})
+    offsets = [placement_offsets(settings, np.random.default_rng(3)) for settings in (standard, wider)]
+    np.testing.assert_allclose(offsets[1], 2 * offsets[0])
