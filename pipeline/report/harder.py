@@ -149,7 +149,7 @@ def _columns(found: Sequence[Harder]) -> list[tuple[str, Sequence[PairTrials]]]:
     for source in dict.fromkeys(one.source for one in found):
         own = [one for one in found if one.source == source]
         columns.append((f"standard, {source} grasps", own[0].standard))
-        columns += [(f"{_spoken(one.name)}, {source} grasps", one.pairs) for one in own]
+        columns += [(f"{one.name}, {source} grasps", one.pairs) for one in own]
     return columns
 
 
@@ -178,12 +178,12 @@ def harder_section(found: Sequence[Harder], criterion: str) -> str:
     """
     columns = _columns(found)
     changed = [
-        [_spoken(one.name), change.name, change.standard, change.here, change.meaning]
+        [one.name, change.name, change.standard, change.here, change.meaning]
         for one in found
         for change in one.changes
     ]
     sums = [
-        [_spoken(one.name), str(one.trials), percent(mean([pair.success_rate for pair in one.pairs]))]
+        [one.name, str(one.trials), percent(mean([pair.success_rate for pair in one.pairs]))]
         + [percent(min(pair.success_rate for pair in one.pairs))]
         + [percent(mean([pair.success_rate_10cm for pair in one.pairs]))]
         + [f"{one.lost} ({percent(ratio(one.lost, one.trials))})"]
@@ -196,7 +196,9 @@ def harder_section(found: Sequence[Harder], criterion: str) -> str:
     return (
         "<p>The first trials of some pairs once more, in settings that differ from the standard one in a few values. "
         "Grasps, seeds and order are the same and nothing is made for the setting: a grasp was synthesized, validated "
-        "and merged as for the standard trials. Placements are drawn from the same random numbers.</p>\n"
+        "and merged as for the standard trials. Placements are drawn from the same random numbers. Frictions are those of "
+        "the materials: where two touch, physics takes their mean. <code>docs/harder.md</code> says why these values."
+        "</p>\n"
         f"{table(['setting', 'parameter', 'standard', 'here', 'meaning'], changed)}"
         f"<h3>Success: both objects up, {escape(criterion)}</h3>\n{_rates_table(columns, False)}"
         "<h3>Success by the released code’s rule: more than 10 cm at the end of the lift</h3>\n"
