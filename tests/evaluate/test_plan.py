@@ -303,7 +303,10 @@ def test_command_refuses_to_export_what_the_hardware_cannot(workplace: Path, cap
         (["--table", "absent.parquet"], "absent.parquet is missing"),
         (["--merged-id", "0"], "grasp 0 of grasps.parquet was refused (gravity)"),
         (["--merged-id", "7"], "grasps.parquet has no grasp 7"),
-        (["--place0", "0.9", "0", "0"], "cube would stand at x 0.9 m, y 0 m, beside the sponge"),
+        (["--place0", "0.9", "0", "0"], "cube would stand at x 0.9 m, y 0 m, not wholly on the sponge"),
+        # its middle is on the sponge (up to 0.7), its edge, 21 mm farther, is not; then turned, by its corner
+        (["--place0", "0.69", "0", "0"], "cube would stand at x 0.69 m, y 0 m, not wholly on the sponge"),
+        (["--place0", "0.675", "0", "45"], "cube would stand at x 0.675 m, y 0 m, not wholly on the sponge"),
         (["--place0", "0.5", "0.08", "0"], "cube and slender_cylinder would stand in each other"),
     ],
 )
@@ -360,6 +363,28 @@ def test_capture_without_the_pair_is_one_sentence(captured: Path, capsys) -> Non
     assert "the capture demo does not show cube, but other" in capsys.readouterr().err
     assert command.main(["--table", "grasps.parquet", "--capture", "absent"]) == 2
     assert "run `dvc repro reconstruct@absent`" in capsys.readouterr().err
+
+
+def test_tables_of_other_frames_are_refused(captured: Path, capsys) -> None:
+    """The frames of reconstructed and of prepared objects have different origins; the pipeline's tables are known."""
+    for table, options, sentence in (
+        ("data/train_reconstructed/cube/can.parquet", [], "as photos show them; name their capture with --capture"),
+        ("data/merge/cube/can.parquet", ["--capture", "demo"], "grasps of prepared objects, whose frames are not"),
+        ("data/train/cube/can.parquet", ["--capture", "demo"], "grasps of prepared objects, whose frames are not"),
+    ):
+        Path(table).parent.mkdir(parents=True)
+        Path(table).write_bytes(Path("grasps.parquet").read_bytes())
+        assert command.main(["--table", table, *options]) == 2
+        assert sentence in capsys.readouterr().err
+
+
+def test_dry_run_that_fails_is_told_by_the_exit_code(workplace: Path, capsys) -> None:
+    values = yaml.safe_load((workplace / "params.yaml").read_text())
+    values["physics"] |= {"object_friction": 0.0, "tip_static_friction": 0.0, "tip_dynamic_friction": 0.0}
+    (workplace / "params.yaml").write_text(yaml.safe_dump(values))
+    assert command.main(["--table", "grasps.parquet", "--play", "--output", "out"]) == 1
+    assert "dry run in simulation: ended early: first " in capsys.readouterr().out
+    assert not json.loads((workplace / "out/playback.json").read_text())["success"]
 
 
 def test_help_is_there(run_module) -> None:
