@@ -76,8 +76,11 @@ def plan(
     from pipeline.evaluate.proposal import plan_csv, plan_record, propose, squeeze_torque, waypoints_of
     from pipeline.pictures.picture import png_bytes
     from pipeline.records.seeds import item_generator
-    from pipeline.records.writing import whole_file, write_json
+    from pipeline.records.writing import check_writable, whole_file, write_json
 
+    if output.is_file():
+        raise UserError(f"{output} is a file; name a folder with --output.")
+    check_writable(output)
     _check_frames(source, places.capture)
     grasp, names = _grasp(source, merged_id)
     table = _captured(names, places, settings) if places.capture else _placed(names, places, settings)
@@ -119,12 +122,12 @@ def _check_frames(source: Path, capture: str | None) -> None:
     def inside(folder: Path) -> bool:
         return source.resolve().is_relative_to(folder.resolve())
 
-    if capture is None and inside(paths.reconstructed_folder("").parent):
+    if capture is None and inside(paths.reconstructed_folder("")):
         raise UserError(f"{source} holds grasps of objects as photos show them; name their capture with --capture.")
-    if capture is not None and (inside(paths.merged_folder("").parent) or inside(paths.sampled_folder("").parent)):
+    if capture is not None and (inside(paths.merged_folder("")) or inside(paths.sampled_folder(""))):
         raise UserError(
             f"{source} holds grasps of prepared objects, whose frames are not those of the capture {capture}; leave "
-            f"--capture out, or use a table of {paths.reconstructed_folder('').parent}."
+            f"--capture out, or use a table of {paths.reconstructed_folder('')}."
         )
 
 
@@ -133,7 +136,13 @@ def _grasp(source: Path, merged_id: int | None) -> tuple[TwoObjectGrasp, tuple[s
     from pipeline.evaluate.grasps import grasp_from_row
     from pipeline.records.tables import MERGED, read_table
 
-    grasps = read_table(source, MERGED, "merge")
+    try:
+        grasps = read_table(source, MERGED, "merge")
+    except UserError as error:  # whose advice is for the stages' own files
+        raise UserError(
+            f"{source} is missing or no table of two-object grasps; name one of {paths.merged_folder('')}, "
+            f"{paths.sampled_folder('')} or {paths.reconstructed_folder('')}, or of `python -m pipeline.train.sample`."
+        ) from error
     if merged_id is None:
         own = grasps[grasps["rejected_by"] == ""].sort_values("merged_id", kind="stable")
         if own.empty:
@@ -204,8 +213,8 @@ def _check_on_sponge(name: str, prepared: PreparedObject, T: NDArray[np.float64]
     from pipeline.evaluate.scene import SPONGE_SIZE, SPONGE_X
 
     base = prepared.vertices[prepared.vertices[:, 2] < prepared.bottom + BASE_HEIGHT]
-    over = np.abs(transform_points(T, base)[:, :2] - [SPONGE_X, 0.0]) > SPONGE_SIZE / 2
-    if over.any():
+    inside = np.abs(transform_points(T, base)[:, :2] - [SPONGE_X, 0.0]) <= SPONGE_SIZE / 2
+    if not inside.all():  # also where a place is not a number
         raise UserError(
             f"{name} would stand at x {T[0, 3]:.3g} m, y {T[1, 3]:.3g} m, not wholly on the sponge (x {SPONGE_X} m and "
             f"y 0 m, +-{SPONGE_SIZE / 2} m); place it there."

@@ -300,7 +300,11 @@ def test_command_refuses_to_export_what_the_hardware_cannot(workplace: Path, cap
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["--table", "absent.parquet"], "absent.parquet is missing"),
+        (["--table", "absent.parquet"], "absent.parquet is missing or no table of two-object grasps; name one of data"),
+        (["--table", "params.yaml"], "params.yaml is missing or no table of two-object grasps"),
+        (["--place0", "nan", "0", "0"], "cube would stand at x nan m, y 0 m, not wholly on the sponge"),
+        (["--output", "params.yaml"], "params.yaml is a file; name a folder with --output"),
+        (["--output", "params.yaml/plan"], "cannot write params.yaml/plan"),
         (["--merged-id", "0"], "grasp 0 of grasps.parquet was refused (gravity)"),
         (["--merged-id", "7"], "grasps.parquet has no grasp 7"),
         (["--place0", "0.9", "0", "0"], "cube would stand at x 0.9 m, y 0 m, not wholly on the sponge"),
@@ -376,6 +380,10 @@ def test_tables_of_other_frames_are_refused(captured: Path, capsys) -> None:
         Path(table).write_bytes(Path("grasps.parquet").read_bytes())
         assert command.main(["--table", table, *options]) == 2
         assert sentence in capsys.readouterr().err
+        # the other way about the table is read, and its refused row is what stops the command
+        right = [] if options else ["--capture", "demo"]
+        assert command.main(["--table", table, *right, "--merged-id", "0"]) == 2
+        assert "was refused (gravity)" in capsys.readouterr().err
 
 
 def test_dry_run_that_fails_is_told_by_the_exit_code(workplace: Path, capsys) -> None:
