@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pipeline.compute.warp import warp
 from pipeline.energy.keep_out import fingers_used, keep_out_points
 from pipeline.hand.allegro import FINGER_LINKS, Hand, load_hand
 from pipeline.hand.surface import hand_surface, mount_surface
@@ -114,32 +112,6 @@ def hand_parts(hand: Hand) -> HandParts:
         half=np.concatenate([hand.box_half, np.zeros((spheres, 3))]),
         radius=np.concatenate([np.zeros(len(hand.box_link)), hand.sphere_radius]),
     )
-
-
-@lru_cache(maxsize=1)
-def warp() -> Any:
-    """Import and start Warp without its banner and its remark that there is no CUDA driver."""
-    import warp as wp
-
-    wp.config.log_level = wp.LOG_ERROR
-    with tempfile.TemporaryFile() as said:
-        # The remark comes from Warp's native library, so that only the descriptor can be listened to.
-        sys.stderr.flush()
-        stderr = os.dup(2)
-        os.dup2(said.fileno(), 2)
-        try:
-            try:
-                wp.init()
-            except OSError:  # the cache below the home folder cannot be made
-                wp.config.kernel_cache_dir = os.path.join(tempfile.gettempdir(), f"warp-{os.getuid()}")
-                wp.init()
-        finally:
-            os.dup2(stderr, 2)
-            os.close(stderr)
-            said.seek(0)
-            lines = said.read().decode(errors="replace").splitlines()
-            sys.stderr.writelines(f"{line}\n" for line in lines if "CUDA driver" not in line)
-    return wp
 
 
 @lru_cache(maxsize=4)

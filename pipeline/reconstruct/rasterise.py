@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import torch
 
+from pipeline.compute.warp import warp
 from pipeline.reconstruct import splat_kernel as kernel
 
 REACH = 3.4  # standard deviations: beyond, even an opaque splat covers less than 1/255
@@ -25,15 +25,6 @@ class Target:
     centre_y: float
     near: float  # m; depths about near .. far are brought to 0 .. 1 for the distortion term
     far: float
-
-
-@lru_cache(maxsize=1)
-def _warp() -> Any:
-    import warp
-
-    warp.config.quiet = True
-    warp.init()
-    return warp
 
 
 def _tiles(centre: np.ndarray, extent: np.ndarray, target: Target) -> tuple[np.ndarray, np.ndarray]:
@@ -62,7 +53,7 @@ def _tiles(centre: np.ndarray, extent: np.ndarray, target: Target) -> tuple[np.n
 
 
 def _structs(tensors: tuple[torch.Tensor, ...], target: Target, device: str) -> tuple[Any, Any]:
-    wp = _warp()
+    wp = warp()
     centre, tangent_u, tangent_v, normal, extent, opacity, brightness = (t.detach().contiguous() for t in tensors)
     start, drawn = _tiles(centre.cpu().numpy(), extent.cpu().numpy(), target)
     splats = kernel.Splats()
@@ -86,7 +77,7 @@ def _structs(tensors: tuple[torch.Tensor, ...], target: Target, device: str) -> 
 class _Rasterise(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, target: Target, device: str, *tensors: torch.Tensor) -> torch.Tensor:  # type: ignore[override]
-        wp = _warp()
+        wp = warp()
         splats, camera = _structs(tensors, target, device)
         outputs = torch.zeros((target.width * target.height, kernel.OUTPUTS), device=tensors[0].device)
         wp.launch(kernel.render, dim=len(outputs), inputs=[splats, camera, wp.from_torch(outputs)], device=device)
@@ -96,7 +87,7 @@ class _Rasterise(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *gradients: torch.Tensor) -> Any:
-        wp = _warp()
+        wp = warp()
         outputs, *tensors = ctx.saved_tensors
         splats, camera = ctx.structs
         found = [torch.zeros_like(tensor) for tensor in tensors]
