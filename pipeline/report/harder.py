@@ -178,9 +178,7 @@ def harder_section(found: Sequence[Harder], criterion: str) -> str:
     """
     columns = _columns(found)
     changed = [
-        [one.name, change.name, change.standard, change.here, change.meaning]
-        for one in found
-        for change in one.changes
+        [one.name, change.name, change.standard, change.here, change.meaning] for one in found for change in one.changes
     ]
     sums = [
         [one.name, str(one.trials), percent(mean([pair.success_rate for pair in one.pairs]))]
@@ -196,9 +194,9 @@ def harder_section(found: Sequence[Harder], criterion: str) -> str:
     return (
         "<p>The first trials of some pairs once more, in settings that differ from the standard one in a few values. "
         "Grasps, seeds and order are the same and nothing is made for the setting: a grasp was synthesized, validated "
-        "and merged as for the standard trials. Placements are drawn from the same random numbers. Frictions are those of "
-        "the materials: where two touch, physics takes their mean. <code>docs/harder.md</code> says why these values."
-        "</p>\n"
+        "and merged as for the standard trials. Placements are drawn from the same random numbers. Frictions are "
+        "those of the materials: where two touch, physics takes their mean. <code>docs/harder.md</code> says why these "
+        "values.</p>\n"
         f"{table(['setting', 'parameter', 'standard', 'here', 'meaning'], changed)}"
         f"<h3>Success: both objects up, {escape(criterion)}</h3>\n{_rates_table(columns, False)}"
         "<h3>Success by the released code’s rule: more than 10 cm at the end of the lift</h3>\n"

@@ -21,7 +21,7 @@ from tests.pipeline.declared import declared_stages
 
 ROOT = Path(__file__).resolve().parents[2]
 # docs/capture.md has YAML that is not of params.yaml; tests/reconstruct/test_captures.py reads it.
-NAMING_PAGES = ("README.md", "data/raw/README.md", "docs/adding-an-object.md", "docs/departures.md")
+NAMING_PAGES = ("README.md", "data/raw/README.md", "docs/adding-an-object.md", "docs/departures.md", "docs/harder.md")
 PAGES = (*NAMING_PAGES, "docs/metrics.md")  # whose names are held by tests/report/test_summary.py
 STAGES = declared_stages(ROOT)
 OPTIONS = {option for action in command_line()._actions for option in action.option_strings}  # of ./dev add-object
