@@ -13,9 +13,13 @@ from pipeline.reconstruct.photos import Photo
 from pipeline.records.captures import Capture
 from pipeline.records.errors import UserError
 
+LENGTH_TOLERANCE = 0.5  # of a vector that counts as a normal
+
 
 def read_normals(path: Path) -> NDArray[np.float32]:
     """Return a normal map (h, w, 3), unit vectors in the camera frame, 0 where unknown.
+
+    What is far from a unit vector is unknown: zeros, and the black, grey or white of a picture.
 
     Raises:
         UserError: the file is damaged or has another shape.
@@ -29,12 +33,13 @@ def read_normals(path: Path) -> NDArray[np.float32]:
             with Image.open(path) as picture:
                 normals = np.asarray(picture.convert("RGB"), np.float32) / 255 * 2 - 1
         normals = np.asarray(normals, np.float32)
-    except (OSError, ValueError) as error:
+    except (OSError, EOFError, SyntaxError, TypeError, ValueError, Image.DecompressionBombError) as error:
         raise UserError(f"{path} is no normal map ({error}); save it as .npy (h, w, 3) or as .png.") from error
     if normals.ndim != 3 or normals.shape[2] != 3 or not np.isfinite(normals).all():
         raise UserError(f"{path} has shape {normals.shape}; a normal map has three finite numbers per pixel.")
     length = np.linalg.norm(normals, axis=2, keepdims=True)
-    return np.where(length > 0.5, normals / np.maximum(length, 1e-6), 0).astype(np.float32)
+    known = np.abs(length - 1) < LENGTH_TOLERANCE
+    return np.where(known, normals / np.maximum(length, 1e-6), 0).astype(np.float32)
 
 
 def normal_files(capture: Capture, photos: Sequence[Photo]) -> dict[str, Path]:

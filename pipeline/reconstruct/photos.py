@@ -40,12 +40,17 @@ def _read(path: Path, mode: Literal["L", "RGB"]) -> NDArray[np.uint8]:
 
     try:
         with Image.open(path) as picture:
-            pixels = np.asarray(ImageOps.exif_transpose(picture).convert(mode))
+            upright = ImageOps.exif_transpose(picture)
+            if upright.mode.startswith("I"):  # 16 bits, which Pillow would cut off at 255
+                upright = Image.fromarray(np.asarray(np.asarray(upright) // 257, np.uint8))
+            pixels = np.asarray(upright.convert(mode))
     except UnidentifiedImageError as error:
         raise UserError(
             f"{path} is no JPEG or PNG picture whatever its name says (HEIC, perhaps); convert it to JPEG or remove it."
         ) from error
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+    except Image.DecompressionBombError as error:
+        raise UserError(f"{path} is too large ({error}); shrink all photos alike.") from error
+    except (OSError, SyntaxError, ValueError) as error:
         raise UserError(f"{path} is damaged ({error}); copy it from the camera again, or remove it.") from error
     if min(pixels.shape[:2]) < SMALLEST_SIDE:
         raise UserError(

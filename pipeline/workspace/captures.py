@@ -31,10 +31,14 @@ def check(folder: Path) -> int:
     capture = read_capture(folder)
     from pipeline.compute.progress import watched
     from pipeline.reconstruct.inspection import sentences
+    from pipeline.reconstruct.normal_maps import normal_files
     from pipeline.reconstruct.photos import read_photos
     from pipeline.reconstruct.tags import detect_tags
 
     photos = read_photos(capture)
+    if capture.intrinsics is not None:
+        capture.intrinsics.check_sizes({photo.name: photo.size for photo in photos})
+    normal_files(capture, photos)
     sightings = {
         photo.name: detect_tags(photo, capture.tags) for photo in watched(photos, len(photos), "looking for tags")
     }
