@@ -13,13 +13,13 @@ from pipeline.reconstruct.photos import Photo
 from pipeline.records.captures import Capture
 from pipeline.records.errors import UserError
 
-LENGTH_TOLERANCE = 0.5  # of a vector that counts as a normal
+SHORTEST, LONGEST_IN_PICTURE = 0.5, 1.5  # of a vector that counts as a normal
 
 
 def read_normals(path: Path) -> NDArray[np.float32]:
     """Return a normal map (h, w, 3), unit vectors in the camera frame, 0 where unknown.
 
-    What is far from a unit vector is unknown: zeros, and the black, grey or white of a picture.
+    Vectors shorter than half a unit are unknown, and in a picture black and white too, which stand for no unit vector.
 
     Raises:
         UserError: the file is damaged or has another shape.
@@ -38,7 +38,7 @@ def read_normals(path: Path) -> NDArray[np.float32]:
     if normals.ndim != 3 or normals.shape[2] != 3 or not np.isfinite(normals).all():
         raise UserError(f"{path} has shape {normals.shape}; a normal map has three finite numbers per pixel.")
     length = np.linalg.norm(normals, axis=2, keepdims=True)
-    known = np.abs(length - 1) < LENGTH_TOLERANCE
+    known = (length > SHORTEST) & (length < (np.inf if path.suffix == ".npy" else LONGEST_IN_PICTURE))
     return np.where(known, normals / np.maximum(length, 1e-6), 0).astype(np.float32)
 
 

@@ -60,6 +60,10 @@ def test_a_rendered_capture_is_valid_and_hides_nothing(capture_folder):
         ("scene.yaml", "objects.can.box", [60, 60, 80], "is no size in metres"),
         ("scene.yaml", "objects.can.position", [-0.06, -0.04], "overlap"),
         ("scene.yaml", "objects.can.positon", [0, 0], "unknown key"),
+        ("scene.yaml", "objects.can.box", [-0.06, 0.06, 0.08], "is no size in metres"),
+        ("tags.yaml", "tags.0.position", [float("nan"), 0, 0], "finite number"),
+        ("tags.yaml", "tags.0", {"position": [0, 0, 0], "quaternion": [0, 0, 0, 0]}, "length 1"),
+        ("tags.yaml", "tags.0.quaternion", [1, 0, 0, 0], "not both"),
     ],
 )
 def test_wrong_texts_are_refused(copy, file, key, value, words):
@@ -67,6 +71,69 @@ def test_wrong_texts_are_refused(copy, file, key, value, words):
     with pytest.raises(UserError, match=words.replace("(", r"\(")) as caught:
         read_capture(copy)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "is empty"),
+        ("- 1", "is empty or no mapping"),
+        ("size: 2026-99-99", "not valid YAML"),
+        ("a: " + 5000 * "[", "not valid YAML"),
+        ("!!python/object/apply:os.system ['exit 1']", "could not determine a constructor"),
+        ("tags:\n  0: {position: [0, 0, 0]}\n  0: {position: [1, 0, 0]}", "0 is there twice"),
+    ],
+)
+def test_texts_that_are_no_plain_yaml_are_refused(copy, text, words):
+    (copy / "tags.yaml").write_text(text)
+    with pytest.raises(UserError, match=f"tags.yaml .*{words}") as caught:
+        read_capture(copy)
+    assert "\n" not in str(caught.value)
+
+
+def scene_of(*places):
+    """Long, thin boxes at (x, y, yaw)."""
+    return {
+        "objects": {
+            name: {"position": [x, y], "yaw_degrees": yaw, "box": [0.2, 0.02, 0.05]}
+            for name, (x, y, yaw) in zip("ab", places, strict=True)
+        }
+    }
+
+
+@pytest.mark.parametrize(
+    ("second", "apart"),
+    [
+        ((0.0, 0.021, 0.0), True),
+        ((0.0, 0.012, 0.0), False),
+        ((0.03, 0.0, 90.0), False),  # a cross whose middles are farther apart than both are wide
+        ((0.112, 0.0, 90.0), True),
+        ((0.0, 0.06, 45.0), False),
+        ((0.0, 0.09, 45.0), True),
+    ],
+)
+def test_boxes_are_apart_or_overlap_as_they_are_turned(copy, second, apart):
+    (copy / "scene.yaml").write_text(yaml.safe_dump(scene_of((0.0, 0.0, 0.0), second)))
+    if apart:
+        assert set(read_capture(copy).scene.objects) == {"a", "b"}
+    else:
+        with pytest.raises(UserError, match="boxes of a and b overlap"):
+            read_capture(copy)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ([475.0, 475.0, 240.0, 180.0], "OPENCV has 8 of them, not 4"),
+        ([-475.0, 475.0, 240.0, 180.0, 0, 0, 0, 0], "focal lengths are positive"),
+        ([475.0, 475.0, 1240.0, 180.0, 0, 0, 0, 0], "principal point lies in the picture"),
+    ],
+)
+def test_impossible_cameras_are_refused(copy, parameters, words):
+    text = {"model": "OPENCV", "width": 480, "height": 360, "parameters": parameters}
+    (copy / "intrinsics.yaml").write_text(yaml.safe_dump(text))
+    with pytest.raises(UserError, match=f"intrinsics.yaml: .*{words}"):
+        read_capture(copy)
 
 
 @pytest.mark.parametrize("missing", ["tags.yaml", "scene.yaml", "images"])
@@ -101,6 +168,30 @@ def test_a_damaged_photo_is_named(copy):
         read_photos(read_capture(copy))
 
 
+def test_sixteen_bits_are_read_as_eight(copy):
+    path = copy / "images/photo_003.jpg"
+    grey = read_grey(path)
+    Image.fromarray(grey.astype(np.uint16) * 257).save(copy / "deep.png")
+    assert np.array_equal(read_grey(copy / "deep.png"), grey)
+
+
+@pytest.mark.parametrize("name", ["masks/photo_003.jpg", "masks/photo_003.npy", "normals/photo_003.jpg"])
+def test_what_would_not_be_used_is_named(copy, name):
+    (copy / name).parent.mkdir()
+    (copy / name).write_bytes(b"")
+    with pytest.raises(UserError, match=f"{name} is not used"):
+        read_capture(copy)
+
+
+@pytest.mark.parametrize("content", [b"", b"ply\nformat ascii 1.0\n", b"no mesh"])
+def test_damaged_truth_is_named(copy, content):
+    from pipeline.reconstruct.reconstruction import true_surfaces
+
+    (copy / "gt/can.ply").write_bytes(content)
+    with pytest.raises(UserError, match="gt/can.ply"):
+        true_surfaces(read_truth(copy))
+
+
 def test_two_photos_of_one_name_are_refused(copy):
     shutil.copy(copy / "images/photo_003.jpg", copy / "images/photo_003.png")
     with pytest.raises(UserError, match="two photos named photo_003"):
@@ -121,13 +212,15 @@ def test_what_belongs_to_no_photo_is_named(copy, name):
         (np.zeros((10, 10, 3), np.float32), "has 10 x 10 pixels, its photo 480 x 360"),
         (np.zeros((360, 480), np.float32), "has shape"),
         (np.full((360, 480, 3), np.nan, np.float32), "three finite numbers"),
-        (None, "is no normal map"),
+        (b"no array", "is no normal map"),
+        (b"", "is no normal map"),
+        (np.array([{}], dtype=object), "is no normal map .*allow_pickle"),
     ],
 )
 def test_wrong_normal_maps_are_refused_before_the_long_work(copy, content, words):
     (copy / "normals").mkdir()
     target = copy / "normals/photo_003.npy"
-    target.write_bytes(b"no array") if content is None else np.save(target, content)
+    target.write_bytes(content) if isinstance(content, bytes) else np.save(target, content)
     capture = read_capture(copy)
     photo = read_photos(capture, capture.images[3:6])[0]
     with pytest.raises(UserError, match=f"photo_003.npy {words}|photo_003.npy .*{words}"):
@@ -142,6 +235,8 @@ def test_normal_maps_are_read_as_unit_vectors(copy):
     Image.fromarray(np.uint8(np.round((np.array([0, -0.6, -0.8]) + 1) / 2 * 255)) + np.zeros((4, 5, 3), np.uint8)).save(
         copy / "normals/photo_001.png"
     )
+    Image.new("RGB", (5, 4)).save(copy / "normals/photo_002.png")
+    assert (read_normals(copy / "normals/photo_002.png") == 0).all(), "black is unknown"
     first, second = (read_normals(copy / f"normals/{name}") for name in ("photo_000.npy", "photo_001.png"))
     assert (first[:, :10] == 0).all() and np.allclose(first[:, 10:], [0, -0.6, -0.8], atol=1e-6)
     assert np.allclose(second, [0, -0.6, -0.8], atol=0.01)
