@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.reconstruct.photos import Photo
+from pipeline.reconstruct.photos import Photo, shrunk
 from pipeline.records.captures import Capture
 from pipeline.records.errors import UserError
 
@@ -42,6 +42,13 @@ def read_normals(path: Path) -> NDArray[np.float32]:
     return np.where(known, normals / np.maximum(length, 1e-6), 0).astype(np.float32)
 
 
+def shrunk_normals(normals: NDArray[np.float32], times: int) -> NDArray[np.float32]:
+    """Return a normal map (h, w, 3) shrunk like its photo; where half of a block or more is unknown, so is the mean."""
+    means = shrunk(normals, times)
+    length = np.linalg.norm(means, axis=2, keepdims=True)
+    return np.where(length > SHORTEST, means / np.maximum(length, 1e-6), 0).astype(np.float32)
+
+
 def normal_files(capture: Capture, photos: Sequence[Photo]) -> dict[str, Path]:
     """Return the normal maps of a capture by the names of their photos, all of them checked.
 
@@ -50,7 +57,7 @@ def normal_files(capture: Capture, photos: Sequence[Photo]) -> dict[str, Path]:
     """
     files = {photo.name: capture.beside("normals", Path(photo.name)) for photo in photos}
     found = {name: path for name, path in files.items() if path is not None}
-    sizes = {photo.name: photo.size for photo in photos}
+    sizes = {photo.name: photo.file_size for photo in photos}
     for name, path in found.items():
         height, width = read_normals(path).shape[:2]
         if (width, height) != sizes[name]:

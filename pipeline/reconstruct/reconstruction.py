@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.reconstruct.accuracy import Accuracy, compare
 from pipeline.reconstruct.alignment import Alignment, align
 from pipeline.reconstruct.dense import DenseObject, dense_objects
-from pipeline.reconstruct.normal_maps import normal_files, read_normals
+from pipeline.reconstruct.normal_maps import normal_files, read_normals, shrunk_normals
 from pipeline.reconstruct.photos import read_photos
 from pipeline.reconstruct.sparse import SparseModel, sparse_model
 from pipeline.reconstruct.surface import Surface, samples_of
@@ -68,7 +68,7 @@ def reconstruct(capture: Capture, settings: ReconstructParameters, seed: int, wo
         from pipeline.reconstruct.splatting import check_device
 
         check_device(settings.splat.device)
-    photos = read_photos(capture)
+    photos = read_photos(capture, settings.largest_side)
     normals = normal_files(capture, photos) if settings.method == "2dgs" else {}
     sightings = {photo.name: detect_tags(photo, capture.tags) for photo in photos}
     check_sightings(sightings, capture.tags, settings.alignment)
@@ -78,7 +78,9 @@ def reconstruct(capture: Capture, settings: ReconstructParameters, seed: int, wo
     views = undistort_all(sparse.views, alignment.similarity)
     dense = dense_objects(views, capture.scene, settings.sweep, settings.surface, workers)
     priors = {
-        view.photo.name: undistorted_normals(view, read_normals(normals[view.photo.name]))
+        view.photo.name: undistorted_normals(
+            view, shrunk_normals(read_normals(normals[view.photo.name]), view.photo.times)
+        )
         for view in sparse.views
         if view.photo.name in normals
     }

@@ -150,7 +150,8 @@ def sparse_model(
     import pycolmap
 
     if intrinsics is not None:
-        intrinsics.check_sizes({photo.name: photo.size for photo in photos})
+        intrinsics.check_sizes({photo.name: photo.file_size for photo in photos})
+        intrinsics = intrinsics.shrunk(photos[0].times)  # the sizes are the same, so the others' is too
     pycolmap.logging.minloglevel = 2
     pycolmap.set_random_seed(seed)
     with tempfile.TemporaryDirectory() as temporary:

@@ -142,6 +142,17 @@ class Intrinsics(_Strict):
             raise ValueError("parameters: focal lengths are positive and the principal point lies in the picture")
         return self
 
+    def shrunk(self, times: int) -> Intrinsics:
+        """Return the camera of photos that were shrunk by a whole number, pixels left over cut off."""
+        focal, _ = LENS_PARAMETERS[self.model]
+        lengths, lens = self.parameters[: focal + 2], self.parameters[focal + 2 :]
+        return Intrinsics(
+            model=self.model,
+            width=self.width // times,
+            height=self.height // times,
+            parameters=[length / times for length in lengths] + lens,
+        )
+
     def check_sizes(self, sizes: Mapping[str, tuple[int, int]]) -> None:
         """Refuse photos that this camera did not take.
 

@@ -2,15 +2,16 @@
 
 import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import yaml
 from PIL import Image
 
-from pipeline.reconstruct.normal_maps import normal_files, read_normals
-from pipeline.reconstruct.photos import read_grey, read_photos
-from pipeline.records.captures import TagLayout, read_capture, read_truth
+from pipeline.reconstruct.normal_maps import normal_files, read_normals, shrunk_normals
+from pipeline.reconstruct.photos import read_grey, read_photos, shrunk
+from pipeline.records.captures import Intrinsics, TagLayout, read_capture, read_truth
 from pipeline.records.errors import UserError
 
 
@@ -158,14 +159,14 @@ def test_heic_is_refused_by_name_and_by_content(copy):
     (copy / "images/extra.HEIC").unlink()
     first.write_bytes(heic)
     with pytest.raises(UserError, match="photo_000.jpg is no JPEG or PNG"):
-        read_photos(read_capture(copy))
+        read_photos(read_capture(copy), 480)
 
 
 def test_a_damaged_photo_is_named(copy):
     path = copy / "images/photo_003.jpg"
     path.write_bytes(path.read_bytes()[:5000])
     with pytest.raises(UserError, match="photo_003.jpg is damaged"):
-        read_photos(read_capture(copy))
+        read_photos(read_capture(copy), 480)
 
 
 def test_sixteen_bits_are_read_as_eight(copy):
@@ -222,7 +223,7 @@ def test_wrong_normal_maps_are_refused_before_the_long_work(copy, content, words
     target = copy / "normals/photo_003.npy"
     target.write_bytes(content) if isinstance(content, bytes) else np.save(target, content)
     capture = read_capture(copy)
-    photo = read_photos(capture, capture.images[3:6])[0]
+    photo = read_photos(replace(capture, images=capture.images[3:6]), 480)[0]
     with pytest.raises(UserError, match=f"photo_003.npy {words}|photo_003.npy .*{words}"):
         normal_files(capture, [photo])
 
@@ -280,3 +281,45 @@ def test_the_examples_of_the_documentation_are_valid(repository, copy):
 def test_an_unknown_name_is_one_sentence(run_module, room, option):
     done = run_module(f"pipeline.{room}", option, "nowhere")
     assert done.returncode == 2 and "nowhere" in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_shrinking_keeps_the_middle_of_every_block():
+    """The mean of a plane over a block is its value in the middle: (x, y) comes to (x / 3, y / 3)."""
+    x, y = np.meshgrid(np.arange(14) + 0.5, np.arange(10) + 0.5)
+    found = shrunk(np.stack([2 * x - y, x + 3 * y], axis=-1), 3)
+    x, y = (3 * value for value in np.meshgrid(np.arange(4) + 0.5, np.arange(3) + 0.5))
+    assert np.allclose(found, np.stack([2 * x - y, x + 3 * y], axis=-1))
+
+
+def test_large_photos_are_shrunk_with_masks_normals_and_lens(copy):
+    import pycolmap
+
+    for kind in ("masks", "normals"):
+        (copy / kind).mkdir()
+    mask = np.full((360, 480), 255, np.uint8)
+    mask[7, 8] = 0
+    Image.fromarray(mask).save(copy / "masks/photo_000.png")
+    normals = np.zeros((360, 480, 3), np.float32)
+    normals[:, 1:] = [0.0, -0.6, -0.8]
+    normals[0:3, 3:5] = 0.0
+    np.save(copy / "normals/photo_000.npy", normals)
+    capture = read_capture(copy)
+    photo = read_photos(replace(capture, images=capture.images[:3]), 200)[0]
+    assert photo.size == (160, 120) and photo.file_size == (480, 360) and photo.times == 3
+    assert np.argwhere(~photo.usable).tolist() == [[2, 2]], "a block counts when all of it may be used"
+    (path,) = normal_files(capture, [photo]).values()
+    small = shrunk_normals(read_normals(path), photo.times)
+    assert np.allclose(small[1, 0], [0.0, -0.6, -0.8]) and not small[0, 1].any()
+
+    directions = np.array([[0.1, -0.2, 1.0], [-0.3, 0.25, 1.0], [0.0, 0.0, 1.0]])
+    lenses = {"SIMPLE_RADIAL": [460.0, 230.0, 190.0, 0.1], "OPENCV": [460, 470, 230, 190, -0.1, 0.03, 1e-3, -1e-3]}
+    for model, parameters in lenses.items():
+        whole = Intrinsics(model=model, width=480, height=360, parameters=parameters)
+        small = whole.shrunk(photo.times)
+        assert (small.width, small.height) == photo.size
+        cameras = [
+            pycolmap.Camera(model=model, width=lens.width, height=lens.height, params=lens.parameters)
+            for lens in (whole, small)
+        ]
+        in_whole, in_small = (np.asarray(camera.img_from_cam(directions)) for camera in cameras)
+        assert np.allclose(in_whole, 3 * in_small)
