@@ -91,6 +91,7 @@ def work() -> None:
         shape_unit=UNIT,
         success_height=evaluate.success_height,
         hold_seconds=evaluate.hold_seconds,
+        hand_torque_limit=parameters["physics"].hand_torque_limit,
         versions=installed_versions(),
         settings=settings,
         learned=learned,

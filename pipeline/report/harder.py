@@ -170,11 +170,12 @@ def _rates_table(columns: Sequence[tuple[str, Sequence[PairTrials]]], released_r
     return table(["pair", *(title for title, _ in columns)], [*rows, ["mean over pairs", *means]])
 
 
-def harder_section(found: Sequence[Harder], criterion: str) -> str:
+def harder_section(found: Sequence[Harder], criterion: str, hand_torque_limit: float) -> str:
     """Return what each setting changes, and success by both rules, losses and reasons beside the standard trials.
 
     Args:
         criterion: the paper's rule in short, such as ``20 cm, 2 s``.
+        hand_torque_limit: of the standard trials, N m.
     """
     columns = _columns(found)
     changed = [
@@ -195,8 +196,8 @@ def harder_section(found: Sequence[Harder], criterion: str) -> str:
         "<p>The first trials of some pairs once more, in settings that differ from the standard one in a few values. "
         "Grasps, seeds and order are the same and nothing is made for the setting: a grasp was synthesized, validated "
         "and merged as for the standard trials. Placements are drawn from the same random numbers. Frictions are "
-        "those of the materials: where two touch, physics takes their mean. <code>docs/harder.md</code> says why these "
-        "values.</p>\n"
+        "those of the materials: where two touch, physics takes their mean. In the standard trials no joint of the "
+        f"hand gives more than {hand_torque_limit:g} N m. <code>docs/harder.md</code> says why these values.</p>\n"
         f"{table(['setting', 'parameter', 'standard', 'here', 'meaning'], changed)}"
         f"<h3>Success: both objects up, {escape(criterion)}</h3>\n{_rates_table(columns, False)}"
         "<h3>Success by the released code’s rule: more than 10 cm at the end of the lift</h3>\n"

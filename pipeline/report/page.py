@@ -68,6 +68,7 @@ class PageContent:
     shape_unit: float  # m
     success_height: float  # m
     hold_seconds: float
+    hand_torque_limit: float  # N m
     versions: Mapping[str, str]
     settings: Mapping[str, Sequence[Row]]  # per section of params.yaml
     learned: Learned | None = None
@@ -110,7 +111,7 @@ def build_page(content: PageContent, plotly_source: str) -> str:
             for source, pairs in content.trials.items()
         ],
         *(
-            [("harder", "Harder settings", harder_section(found, content.criterion))]
+            [("harder", "Harder settings", harder_section(found, content.criterion, content.hand_torque_limit))]
             if (found := content.harder)
             else []
         ),

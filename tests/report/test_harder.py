@@ -49,10 +49,10 @@ def test_what_a_setting_changes_is_said_with_the_standard_value():
 
 
 def test_the_section_shows_both_rules_and_every_reason():
-    html = harder_section([made_up.harder("cube", ["can", "box"])], "20 cm, 2 s")
+    html = harder_section([made_up.harder("cube", ["can", "box"])], "20 cm, 2 s", 0.7)
     assert "standard, synthesized grasps" in html and "icy, synthesized grasps" in html
     assert "66.7\u202f% (2 of 3)" in html and "20 cm, 2 s" in html and "10 cm" in html
-    assert "the first object did not come along" in html
+    assert "the first object did not come along" in html and "more than 0.7 N m" in html
 
 
 def test_a_row_without_its_standard_trial_is_refused():

@@ -98,6 +98,7 @@ def content(tables) -> PageContent:
         shape_unit=UNIT,
         success_height=0.2,
         hold_seconds=2.0,
+        hand_torque_limit=0.7,
         versions={"python": "3"},
         settings={"report": list(described("report", settings))},
         learned=learned,
