@@ -119,6 +119,7 @@ def test_every_dependency_is_imported_somewhere(repository):
 
     modules = {
         "opencv-python": "cv2",
+        "scikit-image": "skimage",
         "pyyaml": "yaml",
         "pillow": "PIL",
         "warp-lang": "warp",
