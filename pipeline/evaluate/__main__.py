@@ -6,11 +6,15 @@ Writes ``data/evaluate/<source>/<object>.parquet``.
 from __future__ import annotations
 
 import argparse
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.running import run_stage
+
+if TYPE_CHECKING:
+    from pipeline.evaluate.trial import TrialInput
 
 # Where the grasps of a source are, and the stage that makes them.
 GRASPS = {
@@ -50,12 +54,32 @@ def evaluate(source: str, first: str) -> None:
     import pandas as pd
 
     from pipeline.compute.fan_out import fan_out
+    from pipeline.evaluate.trial import run_trial
+    from pipeline.records.tables import TRIALS, write_table
+
+    inputs = inputs_of_pairs(source, first, seconds, parameters)
+    rows = pd.DataFrame(fan_out(run_trial, inputs, workers, f"trials of {first}"), columns=TRIALS.names)
+    write_table(paths.trials_file(source, first), rows, TRIALS)
+    for second in seconds:
+        own = rows[rows["object1"] == second]
+        print(f"{first} then {second}: {int(own['success'].sum())} of {len(own)} trials lifted both objects")
+
+
+def inputs_of_pairs(source: str, first: str, seconds: Sequence[str], parameters: dict[str, Any]) -> list[TrialInput]:
+    """Return the inputs of all trials of ``first`` with each of ``seconds``.
+
+    Args:
+        parameters: the ``sections(source, first)``.
+
+    Raises:
+        UserError: a table of grasps or an object is missing or damaged.
+    """
     from pipeline.evaluate.grasps import accepted_grasps
     from pipeline.evaluate.reconstructed import in_true_frames, true_from_reconstructed
     from pipeline.evaluate.scene import without_grid
-    from pipeline.evaluate.trial import run_trial, trial_inputs
+    from pipeline.evaluate.trial import trial_inputs
     from pipeline.records.objects import load_prepared_object
-    from pipeline.records.tables import MERGED, TRIALS, read_table, write_table
+    from pipeline.records.tables import MERGED, read_table
 
     file_of, made_by = GRASPS[source]
     grasps = {
@@ -68,7 +92,7 @@ def evaluate(source: str, first: str) -> None:
         grasps = {
             second: [in_true_frames(grasp, T[first], T[second]) for grasp in own] for second, own in grasps.items()
         }
-    inputs = [
+    return [
         trial
         for second in seconds
         for trial in trial_inputs(
@@ -80,11 +104,6 @@ def evaluate(source: str, first: str) -> None:
             parameters["seed"],
         )
     ]
-    rows = pd.DataFrame(fan_out(run_trial, inputs, workers, f"trials of {first}"), columns=TRIALS.names)
-    write_table(paths.trials_file(source, first), rows, TRIALS)
-    for second in seconds:
-        own = rows[rows["object1"] == second]
-        print(f"{first} then {second}: {int(own['success'].sum())} of {len(own)} trials lifted both objects")
 
 
 def main() -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -38,6 +38,8 @@ class Run:
     snapshots: list[tuple[str, Any, Any, Any]] = field(default_factory=list)
     heights: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
     push1: float = 0.0
+    under_way: str = ""  # phase being carried out
+    watch: Callable[[Run], None] | None = None  # called after every control period; looks on and changes nothing
 
     def settle(self, phase: Phase) -> None:
         """Let the objects come to rest before anything moves."""
@@ -62,6 +64,7 @@ class Run:
             self._judge(phase.name)
 
     def _follow(self, phase: Phase) -> None:
+        self.under_way = phase.name
         for arm, velocity, hand in zip(phase.arm, phase.arm_velocity, phase.hand, strict=True):
             self._control(arm, hand, velocity)
 
@@ -72,6 +75,8 @@ class Run:
         count = self.scene.world.settings.frequency // self.settings.control_frequency
         self.scene.world.step(count)
         self.steps += count
+        if self.watch:
+            self.watch(self)
 
     def _judge(self, name: str) -> None:
         """End the sequence when the phase just completed did not do what it should."""
@@ -93,6 +98,7 @@ class Run:
                     raise Ended(reason)
 
     def _hold(self, phase: Phase) -> None:
+        self.under_way = phase.name
         lowest = self.heights
         for arm, velocity, hand in zip(phase.arm, phase.arm_velocity, phase.hand, strict=True):
             self._control(arm, hand, velocity)

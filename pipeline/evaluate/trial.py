@@ -5,7 +5,7 @@ The result depends on the inputs alone: every trial has its own physics scene an
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -75,19 +75,22 @@ def _try(run: Run, grasp: TwoObjectGrasp, pick: Pick, around: Surroundings, rng:
     run.execute(second_phases(run.posture, grasp, second, settings))
 
 
-def run_trial(inputs: TrialInput) -> dict[str, Any]:
+def run_trial(inputs: TrialInput, watch: Callable[[Run], None] | None = None) -> dict[str, Any]:
     """Run one trial and return its row of ``records.tables.TRIALS``.
 
     Phases: settle; open, approach, enter, close, lift the first object; the same for the second; hold. A reason ends
     the trial: ``no grasp`` (the pair has no merged grasp), ``plan first``, ``plan second``, ``collision on approach``,
     ``first slip``, ``first lost in transit``, ``second slip``, ``dropped in hold``, ``simulation diverged``.
+
+    Args:
+        watch: is shown the run after every control period.
     """
     rng = np.random.Generator(np.random.PCG64(inputs.seed))
     offsets = placement_offsets(inputs.settings, rng)
     scene = build_scene(
         inputs.objects, inputs.settings, inputs.physics, placed(inputs.objects, inputs.settings, offsets)
     )
-    run = Run(scene, inputs.settings, rest=[body.pose for body in scene.objects])
+    run = Run(scene, inputs.settings, rest=[body.pose for body in scene.objects], watch=watch)
     obstacles = [object_obstacle(prepared, f"object{index}") for index, prepared in enumerate(inputs.objects)]
     grasp, attempts = None, 0
     try:

@@ -168,6 +168,7 @@ def trial_strip(
     return Strip(
         title=f"Trial {trial['trial']}, {SOURCE_TITLES[trial['source']]}, {outcome}",
         source=str(trial["source"]),
+        replay="./dev replay " + "/".join(str(trial[key]) for key in ("source", "object0", "object1", "trial")),
         captions=[phases[moment] for moment in moments],
         pictures=pictures,
         failed=not success,

@@ -37,6 +37,7 @@ class Strip:
     pictures: list[bytes]  # JPEG
     failed: bool = False
     source: str = "synthesized"  # where the grasp came from
+    replay: str = ""  # the command that runs the trial again
 
 
 @dataclass(frozen=True)
@@ -270,7 +271,8 @@ def pairs_section(views: Sequence[PairView]) -> str:
     """Return, for every pair, its grasp in 3D and the strips of its trials."""
     legend = (
         "<p>Left: merged grasps in the frame of the hand (first object orange, second blue); drag to turn, scroll to "
-        "zoom. Right: moments of one trial, named by the phase of the sequence.</p>\n"
+        "zoom. Right: moments of one trial, named by the phase of the sequence; the command beside its number plays it "
+        "(docs/replay.md).</p>\n"
     )
     return legend + "".join(_pair_view(view) for view in views)
 
@@ -302,7 +304,8 @@ def _strip(strip: Strip) -> str:
         for caption, picture in zip(strip.captions, strip.pictures, strict=True)
     )
     kind = ' class="failed"' if strip.failed else ""
-    return f'<div{kind}><p class="strip-title">{escape(strip.title)}</p><div class="strip">{figures}</div></div>\n'
+    title = escape(strip.title) + (f" <code>{escape(strip.replay)}</code>" if strip.replay else "")
+    return f'<div{kind}><p class="strip-title">{title}</p><div class="strip">{figures}</div></div>\n'
 
 
 def single_section(funnels: Sequence[Funnel]) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-COMMANDS = ("repro", "add-object", "test", "ui", "doctor", "lint", "compose")
+COMMANDS = ("repro", "add-object", "test", "ui", "doctor", "lint", "compose", "capture", "replay")
 TOOLS = ("bash", "dirname", "sha256sum", "cat", "id", "grep", "env")
 
 

@@ -1,0 +1,134 @@
+"""What a trial looks like at every control period: joints and object poses over time, in one parquet file.
+
+A recording is made by looking on (``execution.Run.watch``). It holds all that a viewer or a video needs but meshes.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from pipeline.evaluate.execution import Run
+from pipeline.records.errors import UserError
+from pipeline.records.poses import position_quaternion
+from pipeline.records.writing import whole_file
+
+_NUMBERS = pa.float64()
+# One row per control period, at its end.
+MOMENTS = pa.schema(
+    [
+        ("time", _NUMBERS),  # s of simulation since the trial began
+        ("phase", pa.string()),  # being carried out
+        ("robot_q", pa.list_(_NUMBERS, 23)),  # rad, 7 arm joints, then the hand's 16
+        ("pose0", pa.list_(_NUMBERS, 7)),  # m, position and quaternion wxyz of object 0 in the world
+        ("pose1", pa.list_(_NUMBERS, 7)),
+    ]
+)
+_ABOUT = b"trial"  # key of the file's metadata
+
+
+@dataclass(frozen=True)
+class About:
+    """What was recorded."""
+
+    name: str  # of the trial, such as synthesized/cube/soup_can/3
+    objects: tuple[str, str]
+    outcome: str  # success, or the reason of the failure
+    sponge_height: float  # m
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A trial over time; n moments."""
+
+    about: About
+    time: NDArray[np.float64]  # (n,) s
+    phase: list[str]
+    robot_q: NDArray[np.float64]  # (n, 23) rad
+    poses: NDArray[np.float64]  # (2, n, 7) position (m) and quaternion wxyz of the objects in the world
+
+
+@dataclass
+class Recorder:
+    """Writes down every moment of the run that it watches."""
+
+    moments: list[tuple[float, str, Any, Any, Any]] = field(default_factory=list)
+
+    def __call__(self, run: Run) -> None:
+        """Write down one moment."""
+        time = run.steps / run.scene.world.settings.frequency
+        pose0, pose1 = (_pose(body.pose) for body in run.scene.objects)
+        self.moments.append((time, run.under_way, run.scene.robot.q, pose0, pose1))
+
+    def recording(self, about: About) -> Recording:
+        """Return what was seen."""
+        time, phase, robot_q, pose0, pose1 = zip(*self.moments, strict=True) if self.moments else ([],) * 5
+        return Recording(
+            about,
+            np.array(time, np.float64),
+            list(phase),
+            np.array(robot_q, np.float64).reshape(-1, 23),
+            np.array([pose0, pose1], np.float64).reshape(2, -1, 7),
+        )
+
+
+def _pose(T: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Position and quaternion (7,), as in ``snapshot_pose0`` of a trial; no numbers where physics has lost the body."""
+    return np.concatenate(position_quaternion(T)) if np.isfinite(T).all() else np.full(7, np.nan)
+
+
+def write_recording(target: Path, recording: Recording) -> None:
+    """Write a recording; the same trial gives the same bytes.
+
+    Raises:
+        UserError: the folder cannot be written to.
+    """
+    about = recording.about
+    text = {
+        "name": about.name,
+        "object0": about.objects[0],
+        "object1": about.objects[1],
+        "outcome": about.outcome,
+        "sponge_height": about.sponge_height,
+    }
+    columns = [recording.time, recording.phase, recording.robot_q, *recording.poses]
+    arrays = [pa.array(list(column), type=kind) for column, kind in zip(columns, MOMENTS.types, strict=True)]
+    schema = MOMENTS.with_metadata({_ABOUT: json.dumps(text, sort_keys=True)})
+    with whole_file(target) as temporary:
+        pq.write_table(pa.Table.from_arrays(arrays, schema=schema), temporary, compression="zstd")
+
+
+def read_recording(source: Path) -> Recording:
+    """Read a recording.
+
+    Raises:
+        UserError: the file is missing, damaged, or no recording.
+    """
+    mend = "record the trial again with `./dev replay SOURCE/FIRST/SECOND/NUMBER --no-view`"
+    if not source.is_file():
+        raise UserError(f"{source} is missing; {mend}.")
+    try:
+        table = pq.read_table(source)
+        about = json.loads((table.schema.metadata or {})[_ABOUT])
+        known = About(
+            about["name"], (about["object0"], about["object1"]), about["outcome"], float(about["sponge_height"])
+        )
+    except (pa.ArrowInvalid, OSError, KeyError, ValueError, TypeError) as error:
+        raise UserError(f"{source} is damaged or no recording of a trial; {mend}.") from error
+    if not table.schema.equals(MOMENTS) or not table.num_rows:
+        raise UserError(f"{source} has other columns than this version expects; {mend}.")
+    values = {name: table.column(name).to_pylist() for name in MOMENTS.names}
+    return Recording(
+        known,
+        np.array(values["time"], np.float64),
+        values["phase"],
+        np.array(values["robot_q"], np.float64),
+        np.array([values["pose0"], values["pose1"]], np.float64),
+    )
