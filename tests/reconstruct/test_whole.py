@@ -31,7 +31,7 @@ def figures(folder):
     from pipeline.reconstruct.reconstruction import metrics_of, reconstruct
 
     settings = quick_settings()
-    result = reconstruct(read_capture(folder), settings, seed=1, workers=0)
+    result = reconstruct(read_capture(folder), settings, seed=1, workers=1)
     return metrics_of(result, settings.method, read_truth(folder)), result
 
 
