@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pipeline.energy.keep_out import fingers_used
 from pipeline.energy.scene import EnergyScene, Grasps
 from pipeline.hand.allegro import Hand
 from pipeline.hand.moves import finger_joints
@@ -35,15 +36,31 @@ RELEASED_POSTURE = {
     "side": np.array([0, -0.196, 0, 0.4, 0, 0.7, 0, 0.4, 0.021, 1.395, 1.05, 0.797, 0.263, 0, 0, 0]),
 }
 HELD_SPREAD = 0.1  # rad, spread of joints that stay where they are drawn
-HELD_FINGERS = {"pinch": ("ring",), "side": ("thumb", "index", "middle")}
 
 
-def free_joints(style: str, settings: StyleParameters) -> NDArray[np.bool_]:
-    """Return (16,) joints that synthesis may move; the others belong to the other object of a pair."""
+def free_joints(settings: StyleParameters) -> NDArray[np.bool_]:
+    """Return (16,) joints that synthesis may move; the others belong to the other objects in the hand."""
     free = np.ones(16, dtype=bool)
     if not settings.released_seeds:
-        free[finger_joints(HELD_FINGERS[style])] = False
+        free[:] = False
+        free[finger_joints(fingers_used(settings.finger_sets))] = True
     return free
+
+
+def mean_posture(style: str, settings: StyleParameters) -> NDArray[np.float64]:
+    """Return the joints (16,), rad, about which first hands are drawn.
+
+    The finger of a side grasp is curled as the ring finger is in a side grasp with it.
+    """
+    if settings.released_seeds:
+        return RELEASED_POSTURE[style]
+    if style == "pinch":
+        return PINCH_POSTURE
+    posture = SIDE_POSTURE.copy()
+    for finger in fingers_used(settings.finger_sets):
+        if finger != "palm":
+            posture[finger_joints([finger])] = SIDE_POSTURE[finger_joints(["ring"])]
+    return posture
 
 
 def perturbed_columns(R: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
@@ -92,13 +109,11 @@ def draw_seed(
     if settings.released_seeds:
         position = -R[:, 0] * rng.uniform(*settings.distance_from_palm)
         R = perturbed_columns(R, rng)
-        mean = RELEASED_POSTURE[style]
     else:
         R = R @ Rotation.from_rotvec(ROTATION_NOISE * rng.normal(size=3)).as_matrix()
         position = -R[:, 0] * rng.uniform(*settings.distance_from_palm)
-        mean = PINCH_POSTURE if style == "pinch" else SIDE_POSTURE
-    sigma = np.where(free_joints(style, settings), JITTER * (hand.upper - hand.lower), HELD_SPREAD)
-    q = _truncated_normal(rng, mean, sigma, hand)
+    sigma = np.where(free_joints(settings), JITTER * (hand.upper - hand.lower), HELD_SPREAD)
+    q = _truncated_normal(rng, mean_posture(style, settings), sigma, hand)
     contacts: list[int] = []
     for slot in slots:
         chances = slot.copy()
