@@ -73,7 +73,7 @@ def choose_approach(
             the fingers that hold the first one already squeezing).
         style: ``pinch`` (the fingers of the contacts open horizontally away from the object's axis; the hand comes
             along the hand-object line or more from above) or ``side`` (the finger opposite the palm opens; the hand
-            comes along that line or horizontally, up to 60 degrees beside it).
+            comes along that line or horizontally, up to 60 degrees beside it; to an object on a post also from above).
         contact_candidates: (n,) indices into ``hand.contact_points`` of the contacts with this object.
         opening: how far the contact points of the opening fingers move away, m.
         lengths: lengths of the straight line, m; the first one that touches nothing is taken.
@@ -82,7 +82,7 @@ def choose_approach(
         support: what the object stands on.
     """
     fingers = sorted({hand.contact_finger[c] for c in contact_candidates} - {"palm"})
-    directions = approach_directions(T_object_hand, style)
+    directions = approach_directions(T_object_hand, style, from_above=support != PLANE)
     openings = open_postures(hand, T_object_hand, q, style, contact_candidates, opening)
     seen: list[NDArray[np.float64]] = []
     rigid = [mount_surface(MOUNT_POINTS)]
@@ -105,13 +105,20 @@ def choose_approach(
     return best[1]
 
 
-def approach_directions(T_object_hand: NDArray[np.float64], style: str) -> list[NDArray[np.float64]]:
-    """Return candidate directions (3,), unit, object frame, from the grasp outwards; the preferred one first."""
+def approach_directions(
+    T_object_hand: NDArray[np.float64], style: str, from_above: bool = False
+) -> list[NDArray[np.float64]]:
+    """Return candidate directions (3,), unit, object frame, from the grasp outwards; the preferred one first.
+
+    Args:
+        from_above: a side grasp may come from above as well, as a pinch does.
+    """
     line = T_object_hand[:3, 3] / np.linalg.norm(T_object_hand[:3, 3])
     up = np.array([0.0, 0.0, 1.0])
+    tilted = [(1 - share) * line + share * up for share in PINCH_TILTS]
+    tilted = [direction / np.linalg.norm(direction) for direction in tilted]
     if style == "pinch":
-        tilted = [(1 - share) * line + share * up for share in PINCH_TILTS]
-        return [direction / np.linalg.norm(direction) for direction in tilted]
+        return tilted
     flat = np.array([line[0], line[1], 0.0])
     if np.linalg.norm(flat) < 1e-6:
         return [line]
@@ -120,7 +127,7 @@ def approach_directions(T_object_hand: NDArray[np.float64], style: str) -> list[
         np.array([np.cos(turn) * flat[0] - np.sin(turn) * flat[1], np.sin(turn) * flat[0] + np.cos(turn) * flat[1], 0])
         for turn in HORIZONTAL_TURNS
     ]
-    return [line, *turned]
+    return [line, *turned, *(tilted[1:] if from_above else [])]
 
 
 def open_postures(

@@ -65,8 +65,8 @@ def demonstrate(source: Path, output: Path, workers: int | None) -> None:
     objects = tuple(prepare_object(pick.name, pick.shape, parameters.prepare) for pick in sequence.picks)
     summary: dict[str, Any] = {}
     singles = []
-    for pick, prepared in zip(sequence.picks, objects, strict=True):
-        table = single_grasps(pick, prepared, sequence, parameters, processes)
+    for number, (pick, prepared) in enumerate(zip(sequence.picks, objects, strict=True)):
+        table = single_grasps(number, prepared, sequence, parameters, processes)
         write_table(output / f"singles_{pick.name}.parquet", table, VALIDATED)
         singles.append(validated_grasps(table))
         summary[f"single.{pick.name}"] = counts(table["rejected_by"])

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
-import pandas as pd
+from collections.abc import Sequence
 
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pipeline.hand.approach import straight
+from pipeline.hand.moves import finger_joints
 from pipeline.hand.support import PLANE, Support
+from pipeline.pairing.grasps import fingers_of
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters import Parameters
 from pipeline.records.parameters.several import PickParameters, SeveralParameters
@@ -37,10 +44,19 @@ def style_of(pick: PickParameters, support: Support, base: StyleParameters) -> S
     return base.model_copy(update=changes)
 
 
+def with_straight(q: NDArray[np.float64], fingers: Sequence[str]) -> NDArray[np.float64]:
+    """Return joints (16,) with some fingers straight."""
+    changed = np.array(q)
+    changed[finger_joints(fingers)] = straight(fingers)
+    return changed
+
+
 def single_grasps(
-    pick: PickParameters, prepared: PreparedObject, sequence: SeveralParameters, parameters: Parameters, workers: int
+    number: int, prepared: PreparedObject, sequence: SeveralParameters, parameters: Parameters, workers: int
 ) -> pd.DataFrame:
-    """Return the table ``VALIDATED`` of one object."""
+    """Return the table ``VALIDATED`` of the object of one pick."""
+    pick = sequence.picks[number]
+    waiting = fingers_of([later.fingers for later in sequence.picks[number + 1 :]])
     support = support_of(pick, parameters.evaluate.perturbation)
     request = Request(
         prepared=prepared,
@@ -49,7 +65,10 @@ def single_grasps(
         energy=parameters.synthesize.energy,
         optimizer=parameters.synthesize.optimizer,
         settings=style_of(pick, support, getattr(parameters.synthesize, pick.style)),
+        waiting=waiting,
     )
     candidates = synthesize(request, workers)
+    # In the sequence these fingers are straight while this object is picked.
+    candidates["q"] = [with_straight(q, waiting) for q in candidates["q"]]
     label = f"validate {pick.name}"
     return validate_table(candidates, prepared, parameters.physics, parameters.validate_, workers, label, support)

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.energy.keep_out import fingers_used
 from pipeline.energy.scene import EnergyScene, Grasps
 from pipeline.hand.allegro import Hand
+from pipeline.hand.approach import straight
 from pipeline.hand.moves import finger_joints
 from pipeline.records.parameters.synthesize import StyleParameters
 
@@ -47,19 +48,21 @@ def free_joints(settings: StyleParameters) -> NDArray[np.bool_]:
     return free
 
 
-def mean_posture(style: str, settings: StyleParameters) -> NDArray[np.float64]:
+def mean_posture(style: str, settings: StyleParameters, waiting: Sequence[str] = ()) -> NDArray[np.float64]:
     """Return the joints (16,), rad, about which first hands are drawn.
 
     The finger of a side grasp is curled as the ring finger is in a side grasp with it.
+
+    Args:
+        waiting: fingers that are straight meanwhile, as they pick other objects later.
     """
     if settings.released_seeds:
         return RELEASED_POSTURE[style]
-    if style == "pinch":
-        return PINCH_POSTURE
-    posture = SIDE_POSTURE.copy()
-    for finger in fingers_used(settings.finger_sets):
-        if finger != "palm":
+    posture = (PINCH_POSTURE if style == "pinch" else SIDE_POSTURE).copy()
+    if style == "side":
+        for finger in set(fingers_used(settings.finger_sets)) - {"palm"}:
             posture[finger_joints([finger])] = SIDE_POSTURE[finger_joints(["ring"])]
+    posture[finger_joints(waiting)] = straight(waiting)
     return posture
 
 
@@ -95,7 +98,12 @@ def _truncated_normal(
 
 
 def draw_seed(
-    hand: Hand, style: str, settings: StyleParameters, slots: Sequence[NDArray[np.float64]], rng: np.random.Generator
+    hand: Hand,
+    style: str,
+    settings: StyleParameters,
+    slots: Sequence[NDArray[np.float64]],
+    rng: np.random.Generator,
+    waiting: Sequence[str] = (),
 ) -> Grasps:
     """Return one draw (a batch of 1) of the first state of a chain."""
     u = rng.random(3)
@@ -113,7 +121,7 @@ def draw_seed(
         R = R @ Rotation.from_rotvec(ROTATION_NOISE * rng.normal(size=3)).as_matrix()
         position = -R[:, 0] * rng.uniform(*settings.distance_from_palm)
     sigma = np.where(free_joints(settings), JITTER * (hand.upper - hand.lower), HELD_SPREAD)
-    q = _truncated_normal(rng, mean_posture(style, settings), sigma, hand)
+    q = _truncated_normal(rng, mean_posture(style, settings, waiting), sigma, hand)
     contacts: list[int] = []
     for slot in slots:
         chances = slot.copy()
@@ -144,18 +152,19 @@ def draw_seeds(
     settings: StyleParameters,
     slots: Sequence[NDArray[np.float64]],
     generators: Sequence[np.random.Generator],
+    waiting: Sequence[str] = (),
 ) -> Grasps:
     """Return the first states of several chains, each from its own generator, free of collisions where possible.
 
     With ``released_seeds`` it is the first draw, whatever it collides with.
     """
     if settings.released_seeds:
-        return join([draw_seed(hand, style, settings, slots, generator) for generator in generators])
+        return join([draw_seed(hand, style, settings, slots, generator, waiting) for generator in generators])
     best: list[Grasps | None] = [None] * len(generators)
     least = np.full(len(generators), np.inf)
     open_chains = list(range(len(generators)))
     for _ in range(ATTEMPTS):
-        draws = [draw_seed(hand, style, settings, slots, generators[int(chain)]) for chain in open_chains]
+        draws = [draw_seed(hand, style, settings, slots, generators[int(chain)], waiting) for chain in open_chains]
         terms, _ = scene.evaluate(join(draws))
         overlap = terms.penetration + terms.table + terms.self_penetration
         for chain, draw, value in zip(open_chains, draws, overlap, strict=True):
