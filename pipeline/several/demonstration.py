@@ -77,7 +77,8 @@ def demonstrate(source: Path, output: Path, workers: int | None) -> None:
     write_table(output / "joined.parquet", joined, JOINED)
     summary["joined"] = counts(joined["rejected_by"])
     print(f"{int((joined['rejected_by'] == '').sum())} of {len(joined)} combinations hold all {len(objects)} objects")
-    inputs = trial_inputs(joined, objects, sequence, parameters.evaluate, parameters.physics)
+    settings = parameters.evaluate.model_copy(update={"lift_height": sequence.lift_height})
+    inputs = trial_inputs(joined, objects, sequence, settings, parameters.physics)
     rows = fan_out(run_trial, inputs, processes, "trials")
     write_table(output / "trials.parquet", pd.DataFrame(rows, columns=JOINED_TRIALS.names), JOINED_TRIALS)
     summary["trials"] = {"success": sum(row["success"] for row in rows), "of": len(rows)}

@@ -71,7 +71,7 @@ def first_states(
     generators = [item_generator(request.run_seed, *identity, *start) for start in starts]
     seeds = np.array([item_seed(request.run_seed, *identity, *start) & 0x7FFFFFFF for start in starts])
     first = draw_seeds(scene, hand, request.style, settings, slots, generators, request.waiting)
-    return first, slots, free_joints(settings), seeds
+    return first, slots, free_joints(request.style, settings, request.waiting), seeds
 
 
 def run_block(block: Block) -> tuple[Grasps, Terms]:

@@ -37,14 +37,19 @@ RELEASED_POSTURE = {
     "side": np.array([0, -0.196, 0, 0.4, 0, 0.7, 0, 0.4, 0.021, 1.395, 1.05, 0.797, 0.263, 0, 0, 0]),
 }
 HELD_SPREAD = 0.1  # rad, spread of joints that stay where they are drawn
+HELD_FINGERS = {"pinch": ("ring",), "side": ("thumb", "index", "middle", "ring")}  # unless the style uses them
 
 
-def free_joints(settings: StyleParameters) -> NDArray[np.bool_]:
-    """Return (16,) joints that synthesis may move; the others belong to the other objects in the hand."""
+def free_joints(style: str, settings: StyleParameters, waiting: Sequence[str] = ()) -> NDArray[np.bool_]:
+    """Return (16,) joints that synthesis may move; the others belong to the other objects in the hand.
+
+    Args:
+        waiting: fingers that will pick other objects later.
+    """
     free = np.ones(16, dtype=bool)
     if not settings.released_seeds:
-        free[:] = False
-        free[finger_joints(fingers_used(settings.finger_sets))] = True
+        free[finger_joints(sorted({*HELD_FINGERS[style]} - {*fingers_used(settings.finger_sets)}))] = False
+        free[finger_joints(waiting)] = False
     return free
 
 
@@ -120,7 +125,7 @@ def draw_seed(
     else:
         R = R @ Rotation.from_rotvec(ROTATION_NOISE * rng.normal(size=3)).as_matrix()
         position = -R[:, 0] * rng.uniform(*settings.distance_from_palm)
-    sigma = np.where(free_joints(settings), JITTER * (hand.upper - hand.lower), HELD_SPREAD)
+    sigma = np.where(free_joints(style, settings, waiting), JITTER * (hand.upper - hand.lower), HELD_SPREAD)
     q = _truncated_normal(rng, mean_posture(style, settings, waiting), sigma, hand)
     contacts: list[int] = []
     for slot in slots:

@@ -47,6 +47,12 @@ class SeveralParameters(Section):
     approach_lengths: list[float] = Field(
         [0.12, 0.07, 0.05], min_length=1, description="Straight approach to objects after the first, m."
     )
+    lift_height: float = Field(
+        0.22,
+        gt=0,
+        le=0.4,
+        description="Last lift, m, in place of evaluate.lift_height: an object from a post is lower when that begins.",
+    )
     trials: int = Field(25, ge=1, description="Robot trials.")
 
     @model_validator(mode="after")
