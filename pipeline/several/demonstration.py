@@ -58,7 +58,7 @@ def demonstrate(source: Path, output: Path, workers: int | None) -> None:
     from pipeline.records.tables import JOINED, JOINED_TRIALS, VALIDATED, write_table
     from pipeline.records.writing import whole_file, write_json
     from pipeline.several.joining import join_all, ready_grasps
-    from pipeline.several.pictures import trial_strip
+    from pipeline.several.pictures import trial_sheet
     from pipeline.several.singles import single_grasps
     from pipeline.several.trials import posts_of, run_trial, trial_inputs
 
@@ -87,7 +87,7 @@ def demonstrate(source: Path, output: Path, workers: int | None) -> None:
     shown = next((row for row in rows if row["success"]), rows[0])
     with whole_file(output / "trial.png") as temporary:
         temporary.write_bytes(
-            png_bytes(trial_strip(shown, objects, posts_of(tuple(sequence.picks)), parameters.evaluate))
+            png_bytes(trial_sheet(shown, objects, posts_of(tuple(sequence.picks)), parameters.evaluate))
         )
     print(f"{summary['trials']['success']} of {len(rows)} trials lifted and held all objects; wrote {output}")
 
