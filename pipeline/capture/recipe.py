@@ -28,6 +28,8 @@ class _Shot:
     """One photo to be taken."""
 
     solids: tuple[Solid, ...]
+    foam: NDArray[np.float32]  # brightness of its top, see foam_picture
+    block: Print
     settings: RenderingParameters
     seed: int
     name: str
@@ -36,29 +38,11 @@ class _Shot:
     target: Path
 
 
-_stages: dict[object, Stage] = {}
-
-
-def _stage(shot: _Shot) -> Stage:
-    """Return the scene of a shot; a process builds it once."""
-    key = (shot.seed, repr(shot.settings), *((s.T_scene.tobytes(), s.vertices.tobytes()) for s in shot.solids))
-    if key not in _stages:
-        _stages.clear()
-        settings = shot.settings
-        _stages[key] = Stage(
-            list(shot.solids),
-            foam_picture(settings.tags, settings.tag_size, item_generator(shot.seed, "capture", "foam", 0)),
-            Print.make(item_generator(shot.seed, "capture", "print", 0)),
-            settings.texture,
-            settings.gloss,
-        )
-    return _stages[key]
-
-
 def _take(shot: _Shot) -> None:
     settings = shot.settings
+    stage = Stage(list(shot.solids), shot.foam, shot.block, settings.texture, settings.gloss)
     lens = Lens(settings.width, settings.height, settings.focal * settings.width, settings.distortion)
-    light = _stage(shot).picture(lens, shot.T_camera_scene)
+    light = stage.picture(lens, shot.T_camera_scene)
     pixels = photograph(light, settings, item_generator(shot.seed, "capture", shot.name, shot.view))
     shot.target.write_bytes(jpeg_bytes(pixels, settings.jpeg_quality))
 
@@ -131,12 +115,15 @@ def render_capture(
         UserError: see :func:`placed_solids`, or the folder cannot be written to.
     """
     solids = placed_solids(objects, settings)
+    foam = foam_picture(settings.tags, settings.tag_size, item_generator(seed, "capture", "foam", 0))
+    block = Print.make(item_generator(seed, "capture", "print", 0))
+    scene = tuple(solids.values())
     poses = camera_poses(settings.views, settings.distance, item_generator(seed, "capture", "path", 0))
     with whole_folder(folder) as temporary:
         (temporary / "images").mkdir()
         (temporary / "gt").mkdir()
         shots = [
-            _Shot(tuple(solids.values()), settings, seed, name, view, pose, temporary / "images" / photo_name(view))
+            _Shot(scene, foam, block, settings, seed, name, view, pose, temporary / "images" / photo_name(view))
             for view, pose in enumerate(poses)
         ]
         fan_out(_take, shots, workers, f"photos of {name}")

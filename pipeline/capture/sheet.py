@@ -13,6 +13,8 @@ MARGIN = 0.012  # m, that printers leave white
 RULER = 0.1  # m
 FOOT = 0.032  # m at the lower edge of a page, for the ruler and its text
 LABEL = 0.005  # m below a tag
+FONT_SIZE = 9.0  # points
+LETTER = 0.5  # of the font's size: mean width of a letter of Helvetica
 
 
 def _number(metres: float) -> str:
@@ -23,8 +25,8 @@ def _rectangle(x: float, y: float, width: float, height: float) -> str:
     return f"{_number(x)} {_number(y)} {_number(width)} {_number(height)} re"
 
 
-def _text(x: float, y: float, text: str, size: int = 9) -> str:
-    return f"BT /F1 {size} Tf {_number(x)} {_number(y)} Td ({text}) Tj ET"
+def _text(x: float, y: float, text: str, size: float = FONT_SIZE) -> str:
+    return f"BT /F1 {size:g} Tf {_number(x)} {_number(y)} Td ({text}) Tj ET"
 
 
 def _tag(number: int, x: float, y: float, size: float) -> list[str]:
@@ -36,7 +38,9 @@ def _tag(number: int, x: float, y: float, size: float) -> list[str]:
         for column in range(CELLS):
             if cells[row, column]:
                 drawn.append(_rectangle(x + column * cell, y + (CELLS - 1 - row) * cell, cell, cell))
-    return [*drawn, "f", "0 g", _text(x, y - cell - LABEL + 0.001, f"tag36h11  {number}   (this side down)")]
+    label = f"tag36h11  {number}   (this side down)"
+    fitting = min(FONT_SIZE, round((size + cell) / POINT / (LETTER * len(label)), 1))  # not under the next tag
+    return [*drawn, "f", "0 g", _text(x, y - cell - LABEL + 0.001, label, fitting)]
 
 
 def _ruler(y: float, size: float) -> list[str]:
@@ -97,7 +101,10 @@ def tag_sheet(numbers: Sequence[int], size: float, page: str) -> bytes:
     across = int((width - 2 * MARGIN) / place)
     down = int((height - 2 * MARGIN - FOOT) / (place + LABEL))
     if across < 1 or down < 1:
-        raise UserError(f"a tag of {1000 * size:g} mm does not fit on {page} paper; choose 130 mm or less.")
+        largest = min(width - 2 * MARGIN, height - 2 * MARGIN - FOOT - LABEL) / (1 + 2 / CELLS)
+        raise UserError(
+            f"a tag of {1000 * size:g} mm does not fit on {page} paper; choose {int(1000 * largest)} mm or less."
+        )
     pages = []
     for start in range(0, len(numbers), across * down):
         drawn = _ruler(MARGIN + 0.012, size)

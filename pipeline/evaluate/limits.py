@@ -9,18 +9,22 @@ from numpy.typing import NDArray
 
 from pipeline.hand.allegro import JOINT_NAMES, load_hand
 from pipeline.hand.robot import ARM_JOINT_NAMES, ROBOT_JOINT_NAMES
+from pipeline.motion.arm_model import ARM_ACCELERATION
 
-# Franka Emika Panda, "Robot and interface specifications", table of joint limits
-# (https://frankaemika.github.io/docs/control_parameters.html). The interface refuses motions that exceed any of them.
-ARM_SOURCE = "Franka Emika, Robot and interface specifications: Panda, joint limits"
+# Franka Emika, "Robot and interface specifications", limits for Panda
+# (https://frankaemika.github.io/docs/control_parameters.html). The interface aborts motions that exceed any of them.
+ARM_SOURCE = "Franka Emika, Robot and interface specifications: limits for Panda"
 ARM_LOWER = np.array([-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973])  # rad
 ARM_UPPER = np.array([2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973])  # rad
 ARM_VELOCITY = np.array([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61])  # rad/s
-ARM_ACCELERATION = np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])  # rad/s2
 ARM_JERK = np.array([7500.0, 3750.0, 5000.0, 6250.0, 7500.0, 10000.0, 10000.0])  # rad/s3
-# Wonik Robotics, Allegro Hand: joint limits and speed of its robot description, torque of its data sheet.
-HAND_SOURCE = "Wonik Robotics, Allegro Hand: robot description (angles, 3.14 rad/s)"
-HAND_TORQUE_SOURCE = "Wonik Robotics, Allegro Hand: data sheet (0.7 N m)"
+ARM_PERIOD = 0.001  # s, between commands to the arm
+# Angles: the URDF of Wonik Robotics (allegro_hand_ros), which the one that physics loads repeats. Speed: the latter's
+# (dex-urdf, as ManiSkill brings it); Wonik's URDF leaves speeds and torques open.
+HAND_ANGLE_SOURCE = "Wonik Robotics, Allegro Hand: angles of allegro_hand_ros"
+HAND_VELOCITY_SOURCE = "dex-urdf, description of the Allegro hand (3.14 rad/s); not the maker's own figure"
+# The figure that is in common use. The maker's manual was not at hand: whether it is a peak, or may last, is not known.
+HAND_TORQUE_SOURCE = "about 0.7 N m, in common use for the Allegro hand; compare it with the manual of yours"
 HAND_VELOCITY = 3.14  # rad/s
 HAND_TORQUE = 0.7  # N m
 ROUNDING = 1e-9  # share of a limit
@@ -69,38 +73,52 @@ class Check:
         )
 
 
-def _check(
-    name: str,
-    unit: str,
-    values: NDArray[np.float64],
-    lower: NDArray[np.float64],
-    upper: NDArray[np.float64],
-    joints: tuple[str, ...],
-    waypoints: Waypoints,
-    source: str,
-    mend: str,
-) -> Check:
-    """Return the worst use of a range.
+@dataclass(frozen=True)
+class _Limit:
+    """What hardware can do, and what to do about a sequence that asks for more."""
+
+    name: str
+    unit: str
+    lower: NDArray[np.float64]  # (joints,)
+    upper: NDArray[np.float64]  # (joints,)
+    joints: tuple[str, ...]
+    source: str
+    mend: str = OTHER_GRASP
+
+
+def _arm_limit(name: str, unit: str, bound: NDArray[np.float64]) -> _Limit:
+    return _Limit(f"arm {name}", unit, -bound, bound, ARM_JOINT_NAMES, ARM_SOURCE)
+
+
+def _hand_limit(name: str, unit: str, bound: float, source: str, mend: str = OTHER_GRASP) -> _Limit:
+    bounds = np.full(len(JOINT_NAMES), bound)
+    return _Limit(f"hand {name}", unit, -bounds, bounds, JOINT_NAMES, source, mend)
+
+
+def _check(limit: _Limit, values: NDArray[np.float64], times: NDArray[np.float64], waypoints: Waypoints) -> Check:
+    """Return the worst use of a limit.
 
     Args:
-        values: (m, joints) at the last m way-points.
+        values: (m, joints).
+        times: (m,) s, when the values hold.
     """
-    middle, half = (lower + upper) / 2, (upper - lower) / 2
+    middle, half = (limit.lower + limit.upper) / 2, (limit.upper - limit.lower) / 2
     used = np.abs(values - middle) / half
-    row, joint = np.unravel_index(int(used.argmax()), used.shape)
-    moment = int(row) + len(waypoints.times) - len(values)
+    row, joint = (int(index) for index in np.unravel_index(int(used.argmax()), used.shape))
+    # a phase lasts from behind the last way-point of the one before to its own last
+    reached = min(int(np.searchsorted(waypoints.times, times[row] - ARM_PERIOD / 2)), len(waypoints.times) - 1)
     return Check(
-        name=name,
-        unit=unit,
+        name=limit.name,
+        unit=limit.unit,
         value=float(values[row, joint]),
-        lower=float(lower[joint]),
-        upper=float(upper[joint]),
+        lower=float(limit.lower[joint]),
+        upper=float(limit.upper[joint]),
         used=float(used[row, joint]),
-        joint=joints[int(joint)],
-        time=float(waypoints.times[moment]),
-        phase=waypoints.phases[moment],
-        source=source,
-        mend=mend,
+        joint=limit.joints[joint],
+        time=float(times[row]),
+        phase=waypoints.phases[reached],
+        source=limit.source,
+        mend=limit.mend,
     )
 
 
@@ -122,41 +140,55 @@ def weight_torques(q: NDArray[np.float64]) -> NDArray[np.float64]:
     return torques
 
 
+def _arm_checks(waypoints: Waypoints) -> list[Check]:
+    """Return the checks of the arm, between way-points too.
+
+    Between way-points an arm goes as its controller interpolates. What is checked is the cubic spline with continuous
+    acceleration through all positions, at rest at both ends, every millisecond; besides that, the velocities told at
+    the way-points, and their difference quotients.
+    """
+    from scipy.interpolate import CubicSpline
+
+    times, told = waypoints.times, waypoints.arm_velocity
+    step = float(times[1] - times[0])
+    spline = CubicSpline(times, waypoints.q[:, :7], bc_type="clamped")
+    moments = np.minimum(ARM_PERIOD * np.arange(round(times[-1] / ARM_PERIOD) + 1), times[-1])
+    acceleration = np.diff(told, axis=0) / step
+    jerk = np.diff(acceleration, axis=0, prepend=np.zeros((1, 7))) / step
+    position = _Limit("arm position", "rad", ARM_LOWER, ARM_UPPER, ARM_JOINT_NAMES, ARM_SOURCE)
+    checks = [_check(position, spline(moments), moments, waypoints)]
+    for order, (name, unit, bound, quotients) in enumerate(
+        (
+            ("velocity", "rad/s", ARM_VELOCITY, told[1:]),
+            ("acceleration", "rad/s2", ARM_ACCELERATION, acceleration),
+            ("jerk", "rad/s3", ARM_JERK, jerk),
+        ),
+        start=1,
+    ):
+        values = np.concatenate([spline(moments, order), quotients])
+        checks.append(_check(_arm_limit(name, unit, bound), values, np.concatenate([moments, times[1:]]), waypoints))
+    return checks
+
+
+def _hand_checks(waypoints: Waypoints, squeeze_torque: NDArray[np.float64]) -> list[Check]:
+    hand, times, q = load_hand(), waypoints.times, waypoints.q
+    speeds = np.diff(q[:, 7:], axis=0) / (times[1] - times[0])
+    position = _Limit("hand position", "rad", hand.lower, hand.upper, JOINT_NAMES, HAND_ANGLE_SOURCE)
+    velocity = _hand_limit("velocity", "rad/s", HAND_VELOCITY, HAND_VELOCITY_SOURCE, SLOWER)
+    squeezing = _hand_limit("torque of squeezing", "N m", HAND_TORQUE, HAND_TORQUE_SOURCE, WEAKER)
+    weight = _hand_limit("torque of the fingers' weight", "N m", HAND_TORQUE, HAND_TORQUE_SOURCE)
+    return [
+        _check(position, q[:, 7:], times, waypoints),
+        _check(velocity, speeds, times[1:], waypoints),
+        _check(squeezing, squeeze_torque[None], times[-1:], waypoints),
+        _check(weight, weight_torques(q), times, waypoints),
+    ]
+
+
 def check_limits(waypoints: Waypoints, squeeze_torque: NDArray[np.float64]) -> list[Check]:
     """Return all checks of a sequence.
-
-    Velocities are the larger of those told to the arm and the difference quotients of positions; accelerations and
-    jerks are difference quotients, so means over one or two way-points.
 
     Args:
         squeeze_torque: (16,) N m, what the drives of the fingers ask for at most while objects are squeezed.
     """
-    times, q = waypoints.times, waypoints.q
-    step = float(times[1] - times[0])
-    arm, hand = q[:, :7], q[:, 7:]
-    speeds = np.diff(q, axis=0) / step
-    told = waypoints.arm_velocity[1:]
-    arm_speed = np.where(np.abs(told) > np.abs(speeds[:, :7]), told, speeds[:, :7])
-    acceleration = np.diff(waypoints.arm_velocity, axis=0) / step
-    jerk = np.diff(acceleration, axis=0, prepend=np.zeros((1, 7))) / step
-    hand_limits, ones = load_hand(), np.ones(16)
-
-    def of_arm(name: str, unit: str, values: NDArray[np.float64], limit: NDArray[np.float64]) -> Check:
-        return _check(name, unit, values, -limit, limit, ARM_JOINT_NAMES, waypoints, ARM_SOURCE, OTHER_GRASP)
-
-    def of_hand(
-        name: str, unit: str, values: NDArray[np.float64], limit: float, source: str, mend: str = OTHER_GRASP
-    ) -> Check:
-        return _check(name, unit, values, -limit * ones, limit * ones, JOINT_NAMES, waypoints, source, mend)
-
-    lower, upper = hand_limits.lower, hand_limits.upper
-    return [
-        _check("arm position", "rad", arm, ARM_LOWER, ARM_UPPER, ARM_JOINT_NAMES, waypoints, ARM_SOURCE, OTHER_GRASP),
-        of_arm("arm velocity", "rad/s", arm_speed, ARM_VELOCITY),
-        of_arm("arm acceleration", "rad/s2", acceleration, ARM_ACCELERATION),
-        of_arm("arm jerk", "rad/s3", jerk, ARM_JERK),
-        _check("hand position", "rad", hand, lower, upper, JOINT_NAMES, waypoints, HAND_SOURCE, OTHER_GRASP),
-        of_hand("hand velocity", "rad/s", speeds[:, 7:], HAND_VELOCITY, HAND_SOURCE, SLOWER),
-        of_hand("hand torque of squeezing", "N m", squeeze_torque[None], HAND_TORQUE, HAND_TORQUE_SOURCE, WEAKER),
-        of_hand("hand torque of the fingers' weight", "N m", weight_torques(q), HAND_TORQUE, HAND_TORQUE_SOURCE),
-    ]
+    return _arm_checks(waypoints) + _hand_checks(waypoints, squeeze_torque)

@@ -3,6 +3,7 @@
 `python -m pipeline.evaluate.plan --table data/merge/cube/soup_can.parquet` plans from the start posture to both objects
 held up, for one grasp of the table, and writes plan.json and plan.csv. With `--play` the very same way-points run in
 simulation: playback.json says what came of it, playback.png shows it. docs/plan.md explains the files.
+Exit code: 0; 1 when the dry run did not hold both objects; 2 when there is no plan, and one sentence says why.
 
 With `--capture NAME` the objects are those that photos show, where they show them; the table is then of grasps of
 reconstructed objects, such as data/train_reconstructed/cube/soup_can.parquet.
@@ -14,13 +15,24 @@ import argparse
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters
-from pipeline.records.poses import pose_matrix
+from pipeline.records.poses import pose_matrix, transform_points
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pipeline.evaluate.grasps import TwoObjectGrasp
+    from pipeline.evaluate.proposal import Table
+    from pipeline.records.objects import PreparedObject
+    from pipeline.records.parameters.evaluate import EvaluateParameters
+
+BASE_HEIGHT = 0.003  # m over an object's lowest point, within which it is taken to stand on the sponge
 
 
 def sections() -> list[str]:
@@ -43,8 +55,8 @@ def plan(
     places: Places,
     output: Path,
     dry_run: bool,
-) -> None:
-    """Plan one sequence, check it, and write it.
+) -> bool:
+    """Plan one sequence, check it, write it, and return whether its dry run held both objects (True without one).
 
     Args:
         source: table of two-object grasps.
@@ -64,8 +76,12 @@ def plan(
     from pipeline.evaluate.proposal import plan_csv, plan_record, propose, squeeze_torque, waypoints_of
     from pipeline.pictures.picture import png_bytes
     from pipeline.records.seeds import item_generator
-    from pipeline.records.writing import whole_file, write_json
+    from pipeline.records.writing import check_writable, whole_file, write_json
 
+    if output.is_file():
+        raise UserError(f"{output} is a file; name a folder with --output.")
+    check_writable(output)
+    _check_frames(source, places.capture)
     grasp, names = _grasp(source, merged_id)
     table = _captured(names, places, settings) if places.capture else _placed(names, places, settings)
     rng = item_generator(parameters["seed"], "plan", *names, grasp.merged_id)
@@ -85,22 +101,48 @@ def plan(
         f"{max(checks, key=lambda check: check.used).name}, {100 * max(check.used for check in checks):.0f} %); "
         f"wrote plan.json and plan.csv to {output}"
     )
-    if dry_run:
-        outcome = play(table, waypoints, settings, physics)
-        kept = ("success", "success_10cm", "reason", "phase", "height0", "height1", "push1", "steps")
-        write_json(output / "playback.json", {name: outcome[name] for name in kept})
-        with whole_file(output / "playback.png") as temporary:
-            temporary.write_bytes(png_bytes(playback_strip(table, outcome, settings)))
-        told = "both objects were lifted and held" if outcome["success"] else f"ended early: {outcome['reason']}"
-        print(f"dry run in simulation: {told}; wrote playback.json and playback.png to {output}")
+    if not dry_run:
+        return True
+    outcome = play(table, waypoints, settings, physics)
+    kept = ("success", "success_10cm", "reason", "phase", "height0", "height1", "push1", "steps")
+    write_json(output / "playback.json", {name: outcome[name] for name in kept})
+    with whole_file(output / "playback.png") as temporary:
+        temporary.write_bytes(png_bytes(playback_strip(table, outcome, settings)))
+    told = "both objects were lifted and held" if outcome["success"] else f"ended early: {outcome['reason']}"
+    print(f"dry run in simulation: {told}; wrote playback.json and playback.png to {output}")
+    return bool(outcome["success"])
 
 
-def _grasp(source: Path, merged_id: int | None) -> tuple[Any, tuple[str, str]]:
+def _check_frames(source: Path, capture: str | None) -> None:
+    """Refuse the pipeline's own tables where their object frames are not those of the chosen objects.
+
+    The frame of a reconstructed object has another origin than that of the prepared one of the same name.
+    """
+
+    def inside(folder: Path) -> bool:
+        return source.resolve().is_relative_to(folder.resolve())
+
+    if capture is None and inside(paths.reconstructed_folder("")):
+        raise UserError(f"{source} holds grasps of objects as photos show them; name their capture with --capture.")
+    if capture is not None and (inside(paths.merged_folder("")) or inside(paths.sampled_folder(""))):
+        raise UserError(
+            f"{source} holds grasps of prepared objects, whose frames are not those of the capture {capture}; leave "
+            f"--capture out, or use a table of {paths.reconstructed_folder('')}."
+        )
+
+
+def _grasp(source: Path, merged_id: int | None) -> tuple[TwoObjectGrasp, tuple[str, str]]:
     """Return the chosen grasp of a table, and the names of its objects."""
     from pipeline.evaluate.grasps import grasp_from_row
     from pipeline.records.tables import MERGED, read_table
 
-    grasps = read_table(source, MERGED, "merge")
+    try:
+        grasps = read_table(source, MERGED, "merge")
+    except UserError as error:  # whose advice is for the stages' own files
+        raise UserError(
+            f"{source} is missing or no table of two-object grasps; name one of {paths.merged_folder('')}, "
+            f"{paths.sampled_folder('')} or {paths.reconstructed_folder('')}, or of `python -m pipeline.train.sample`."
+        ) from error
     if merged_id is None:
         own = grasps[grasps["rejected_by"] == ""].sort_values("merged_id", kind="stable")
         if own.empty:
@@ -117,7 +159,7 @@ def _grasp(source: Path, merged_id: int | None) -> tuple[Any, tuple[str, str]]:
     return grasp_from_row(row), (row["object0"], row["object1"])
 
 
-def _placed(names: tuple[str, str], places: Places, settings: Any) -> Any:
+def _placed(names: tuple[str, str], places: Places, settings: EvaluateParameters) -> Table:
     """Return both prepared objects, standing on the sponge where the options say."""
     from pipeline.evaluate.proposal import StandingObject, Table
     from pipeline.evaluate.scene import placed, without_grid
@@ -130,12 +172,12 @@ def _placed(names: tuple[str, str], places: Places, settings: Any) -> Any:
         if place is not None:
             offsets[index] = [place[0] - nominal[index][0, 3], place[1] - nominal[index][1, 3], np.radians(place[2])]
     poses = placed((first, second), settings, offsets)
-    for name, T in zip(names, poses, strict=True):
-        _check_on_sponge(name, T)
+    for name, prepared, T in zip(names, (first, second), poses, strict=True):
+        _check_on_sponge(name, prepared, T)
     return Table((StandingObject(first, poses[0]), StandingObject(second, poses[1])))
 
 
-def _captured(names: tuple[str, str], places: Places, settings: Any) -> Any:
+def _captured(names: tuple[str, str], places: Places, settings: EvaluateParameters) -> Table:
     """Return all objects of a capture as photos show them, standing on the sponge as they stood on their support."""
     from pipeline.evaluate.proposal import StandingObject, Table
     from pipeline.evaluate.scene import SPONGE_X, without_grid
@@ -160,18 +202,21 @@ def _captured(names: tuple[str, str], places: Places, settings: Any) -> Any:
         prepared = without_grid(object_of_reconstruction(item))
         T = T_world_scene @ item.T_scene_object
         T[2, 3] = settings.sponge_height - prepared.bottom
-        _check_on_sponge(name, T)
+        _check_on_sponge(name, prepared, T)
         standing[name] = StandingObject(prepared, T)
     others = tuple(item for name, item in standing.items() if name not in names)
     return Table((standing[names[0]], standing[names[1]]), others)
 
 
-def _check_on_sponge(name: str, T: Any) -> None:
+def _check_on_sponge(name: str, prepared: PreparedObject, T: NDArray[np.float64]) -> None:
+    """Refuse a place where what an object stands on would reach over the edge; ``T`` (4, 4) is its pose."""
     from pipeline.evaluate.scene import SPONGE_SIZE, SPONGE_X
 
-    if not (abs(T[:2, 3] - [SPONGE_X, 0.0]) <= SPONGE_SIZE / 2).all():
+    base = prepared.vertices[prepared.vertices[:, 2] < prepared.bottom + BASE_HEIGHT]
+    inside = np.abs(transform_points(T, base)[:, :2] - [SPONGE_X, 0.0]) <= SPONGE_SIZE / 2
+    if not inside.all():  # also where a place is not a number
         raise UserError(
-            f"{name} would stand at x {T[0, 3]:.3g} m, y {T[1, 3]:.3g} m, beside the sponge (x {SPONGE_X} m and "
+            f"{name} would stand at x {T[0, 3]:.3g} m, y {T[1, 3]:.3g} m, not wholly on the sponge (x {SPONGE_X} m and "
             f"y 0 m, +-{SPONGE_SIZE / 2} m); place it there."
         )
 
@@ -208,11 +253,11 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error("give --place0 and --place1, or --capture and --scene")
     places = Places((chosen.place0, chosen.place1), chosen.capture, chosen.scene)
     try:
-        plan(chosen.table, chosen.merged_id, places, chosen.output, chosen.play)
+        held = plan(chosen.table, chosen.merged_id, places, chosen.output, chosen.play)
     except UserError as error:
         print(f"plan: {error}", file=sys.stderr)
         return 2
-    return 0
+    return 0 if held else 1
 
 
 if __name__ == "__main__":

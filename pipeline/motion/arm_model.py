@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipeline.hand.robot import ARM_JOINT_NAMES, JOINT_NAMES, robot_file
 
-# Acceleration limits of the Panda, rad/s2 (Franka's data sheet); the URDF has none.
+# Acceleration limits of the Panda, rad/s2 (Franka's interface specifications); the URDF has none.
 ARM_ACCELERATION = np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])
 HAND_FRAME = "base_link"
 

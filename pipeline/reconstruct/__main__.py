@@ -9,6 +9,7 @@ from pipeline.records import paths
 from pipeline.records.captures import read_capture, read_truth
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.running import run_stage
+from pipeline.records.writing import check_writable
 
 
 def sections(capture: str) -> list[str]:
@@ -22,9 +23,12 @@ def run(name: str) -> None:
     folder = Path(source.folder)
     capture, truth = read_capture(folder), read_truth(folder)
     from pipeline.reconstruct.picture import pictures_of
-    from pipeline.reconstruct.reconstruction import cameras_of, metrics_of, reconstruct
+    from pipeline.reconstruct.reconstruction import cameras_of, metrics_of, reconstruct, true_surfaces
     from pipeline.records.reconstructions import write_reconstruction
 
+    # What would be told at the end is told before the long work.
+    check_writable(paths.reconstruction_folder(name))
+    true_surfaces(truth)
     result = reconstruct(capture, settings, seed, read_parameters().compute.workers)
     metrics = metrics_of(result, settings.method, truth)
     pictures = pictures_of(capture, result.sparse.views, result.views, result.dense)

@@ -93,8 +93,8 @@ def sentences(capture: Capture, photos: Sequence[Photo], sightings: Mapping[str,
             found.append(f"{photo.name} is {max(dark, bright):.0%} {how}; correct the exposure and take it again.")
     counts = {number: sum(number in seen for seen in sightings.values()) for number in capture.tags.tags}
     found += [
-        f"Tag {number} is seen in {count} photos; keep it in view of at least {LEAST_SIGHTINGS}, or remove it from "
-        "tags.yaml."
+        f"Tag {number} is seen in {count} photos (where it is seen once); keep it in view of at least "
+        f"{LEAST_SIGHTINGS}, or remove it from tags.yaml."
         for number, count in counts.items()
         if count < LEAST_SIGHTINGS
     ]

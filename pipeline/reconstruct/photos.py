@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,16 +17,28 @@ SMALLEST_SIDE = 64  # pixels
 
 @dataclass(frozen=True)
 class Photo:
-    """One photo, EXIF orientation applied."""
+    """One photo, EXIF orientation applied, shrunk where it is larger than needed."""
 
     name: str  # stem of the file
     grey: NDArray[np.uint8]  # (height, width)
     usable: NDArray[np.bool_] | None  # (height, width), from masks/; None: everything
+    file_size: tuple[int, int]  # width and height of the file, pixels
+    times: int = 1  # by which it was shrunk
 
     @property
     def size(self) -> tuple[int, int]:
         """Width and height, pixels."""
         return self.grey.shape[1], self.grey.shape[0]
+
+
+def shrunk(pixels: NDArray[Any], times: int) -> NDArray[np.float32]:
+    """Return the means (h // times, w // times, ...) of square blocks; pixels left over at the far edges are cut off.
+
+    A point at (x, y), pixel centres at .5, comes to (x / times, y / times) exactly.
+    """
+    height, width = pixels.shape[0] // times, pixels.shape[1] // times
+    blocks = pixels[: height * times, : width * times].reshape(height, times, width, times, *pixels.shape[2:])
+    return np.asarray(blocks.mean(axis=(1, 3), dtype=np.float32))
 
 
 def _read(path: Path, mode: Literal["L", "RGB"]) -> NDArray[np.uint8]:
@@ -40,12 +51,17 @@ def _read(path: Path, mode: Literal["L", "RGB"]) -> NDArray[np.uint8]:
 
     try:
         with Image.open(path) as picture:
-            pixels = np.asarray(ImageOps.exif_transpose(picture).convert(mode))
+            upright = ImageOps.exif_transpose(picture)
+            if upright.mode.startswith("I"):  # 16 bits, which Pillow would cut off at 255
+                upright = Image.fromarray(np.asarray(np.asarray(upright) // 257, np.uint8))
+            pixels = np.asarray(upright.convert(mode))
     except UnidentifiedImageError as error:
         raise UserError(
             f"{path} is no JPEG or PNG picture whatever its name says (HEIC, perhaps); convert it to JPEG or remove it."
         ) from error
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+    except Image.DecompressionBombError as error:
+        raise UserError(f"{path} is too large ({error}); shrink all photos alike.") from error
+    except (OSError, SyntaxError, ValueError) as error:
         raise UserError(f"{path} is damaged ({error}); copy it from the camera again, or remove it.") from error
     if min(pixels.shape[:2]) < SMALLEST_SIDE:
         raise UserError(
@@ -68,14 +84,17 @@ def read_colours(path: Path) -> NDArray[np.uint8]:
     return _read(path, "RGB")
 
 
-def read_photos(capture: Capture, images: Sequence[Path] | None = None) -> list[Photo]:
+def read_photos(capture: Capture, largest_side: int) -> list[Photo]:
     """Read the photos of a capture in the order of their names.
+
+    Args:
+        largest_side: pixels; larger photos are shrunk by the smallest whole number that makes them fit.
 
     Raises:
         UserError: a photo or mask is damaged, or there are fewer than three photos.
     """
     photos = []
-    for path in capture.images if images is None else images:
+    for path in capture.images:
         grey = read_grey(path)
         mask = capture.beside("masks", path)
         usable = None
@@ -83,7 +102,12 @@ def read_photos(capture: Capture, images: Sequence[Path] | None = None) -> list[
             usable = read_grey(mask) > 127
             if usable.shape != grey.shape:
                 raise UserError(f"{mask} has another size than its photo; make it {grey.shape[1]} x {grey.shape[0]}.")
-        photos.append(Photo(path.stem, grey, usable))
+        file_size = (grey.shape[1], grey.shape[0])
+        times = -(-max(file_size) // largest_side)
+        if times > 1:
+            grey = np.asarray(shrunk(grey, times).round(), np.uint8)
+            usable = None if usable is None else shrunk(usable, times) == 1
+        photos.append(Photo(path.stem, grey, usable, file_size, times))
     if len(photos) < 3:
         raise UserError(f"{capture.folder}/images has {len(photos)} photos; take at least 12 all around the objects.")
     return photos

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pipeline.reconstruct.dense import DenseObject
-from pipeline.reconstruct.photos import read_colours
+from pipeline.reconstruct.photos import read_colours, shrunk
 from pipeline.reconstruct.sparse import SparseView
 from pipeline.reconstruct.surface import SEEN
 from pipeline.reconstruct.views import View, undistorted_colours
@@ -74,7 +74,10 @@ def pictures_of(
     files = {path.stem: path for path in capture.images}
     pictures = {}
     for index in sorted({round(len(views) * k / PICTURES) for k in range(PICTURES)}):
-        photo = undistorted_colours(sparse[index], read_colours(files[views[index].name]))
+        colours = read_colours(files[views[index].name])
+        if sparse[index].photo.times > 1:
+            colours = np.asarray(shrunk(colours, sparse[index].photo.times).round(), np.uint8)
+        photo = undistorted_colours(sparse[index], colours)
         surfaces = surfaces_over(photo, views[index], list(found.values()), WIDTH)
         pictures[views[index].name] = (_jpeg(photo, WIDTH), _jpeg(surfaces, WIDTH))
     return pictures

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.reconstruct.accuracy import Accuracy, compare
 from pipeline.reconstruct.alignment import Alignment, align
 from pipeline.reconstruct.dense import DenseObject, dense_objects
-from pipeline.reconstruct.normal_maps import normal_files, read_normals
+from pipeline.reconstruct.normal_maps import normal_files, read_normals, shrunk_normals
 from pipeline.reconstruct.photos import read_photos
 from pipeline.reconstruct.sparse import SparseModel, sparse_model
 from pipeline.reconstruct.surface import Surface, samples_of
@@ -62,9 +62,13 @@ def reconstruct(capture: Capture, settings: ReconstructParameters, seed: int, wo
     """Return the objects of a capture, metric.
 
     Raises:
-        UserError: the photos, the tags or an object do not allow it; the text says which and what to do.
+        UserError: the photos, the tags, an object or the machine do not allow it; the text says which and what to do.
     """
-    photos = read_photos(capture)
+    if settings.method == "2dgs":
+        from pipeline.reconstruct.splatting import check_device
+
+        check_device(settings.splat.device)
+    photos = read_photos(capture, settings.largest_side)
     normals = normal_files(capture, photos) if settings.method == "2dgs" else {}
     sightings = {photo.name: detect_tags(photo, capture.tags) for photo in photos}
     check_sightings(sightings, capture.tags, settings.alignment)
@@ -74,7 +78,9 @@ def reconstruct(capture: Capture, settings: ReconstructParameters, seed: int, wo
     views = undistort_all(sparse.views, alignment.similarity)
     dense = dense_objects(views, capture.scene, settings.sweep, settings.surface, workers)
     priors = {
-        view.photo.name: undistorted_normals(view, read_normals(normals[view.photo.name]))
+        view.photo.name: undistorted_normals(
+            view, shrunk_normals(read_normals(normals[view.photo.name]), view.photo.times)
+        )
         for view in sparse.views
         if view.photo.name in normals
     }
@@ -102,24 +108,29 @@ def cameras_of(views: Sequence[View]) -> dict[str, Any]:
     }
 
 
-def accuracies(dense: dict[str, DenseObject], truth: Truth) -> dict[str, Accuracy]:
-    """Return how far each object whose true surface is known is from it.
+def true_surfaces(truth: Truth | None) -> dict[str, Surface]:
+    """Return the true surfaces of a capture by the names of their objects.
 
     Raises:
-        UserError: a true surface cannot be read.
+        UserError: one of them cannot be read, or has no triangles.
     """
     import trimesh
 
     found = {}
-    for name, path in truth.surfaces.items():
-        if name in dense:
-            try:
-                mesh = trimesh.load_mesh(path, process=False)
-                true = Surface(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64))
-            except (ValueError, OSError, AttributeError, IndexError) as error:
-                raise UserError(f"{path} is no readable mesh ({error}); mend or remove it.") from error
-            found[name] = compare(dense[name].surface, true)
+    for name, path in truth.surfaces.items() if truth is not None else ():
+        try:
+            mesh = trimesh.load_mesh(path, process=False)
+            found[name] = Surface(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64))
+        except (ValueError, OSError, LookupError, AttributeError, TypeError) as error:
+            raise UserError(f"{path} is no readable mesh ({error}); mend or remove it.") from error
+        if not len(found[name].faces) or not np.isfinite(found[name].vertices).all():
+            raise UserError(f"{path} holds no surface of triangles; mend or remove it.")
     return found
+
+
+def accuracies(dense: Mapping[str, DenseObject], true: Mapping[str, Surface]) -> dict[str, Accuracy]:
+    """Return how far each object whose true surface is known is from it."""
+    return {name: compare(dense[name].surface, surface) for name, surface in true.items() if name in dense}
 
 
 def _camera_errors(views: Sequence[View], truth: Truth) -> dict[str, float]:
@@ -132,7 +143,11 @@ def _camera_errors(views: Sequence[View], truth: Truth) -> dict[str, float]:
 
 
 def metrics_of(result: Reconstruction, method: str, truth: Truth | None) -> dict[str, Any]:
-    """Return the figures of ``metrics.json``; lengths in mm, as people say them."""
+    """Return the figures of ``metrics.json``; lengths in mm, as people say them.
+
+    Raises:
+        UserError: see :func:`true_surfaces`.
+    """
     metrics: dict[str, Any] = {
         "method": method,
         "normal_prior": "folder" if result.normal_prior else "none",
@@ -157,7 +172,7 @@ def metrics_of(result: Reconstruction, method: str, truth: Truth | None) -> dict
         }
     if truth is not None:
         metrics |= _camera_errors(result.views, truth)
-        found = accuracies(result.dense, truth)
+        found = accuracies(result.dense, true_surfaces(truth))
         for name, accuracy in found.items():
             metrics["objects"][name] |= {
                 "chamfer_mm": 1000 * accuracy.chamfer,

@@ -111,6 +111,9 @@ def _map(folder: Path, settings: SparseParameters, calibrated: bool, seed: int) 
     if settings.mapper == "global":
         whole = pycolmap.GlobalPipelineOptions()
         whole.num_threads, whole.random_seed = THREADS, seed
+        if calibrated:
+            adjustment = whole.mapper.bundle_adjustment
+            adjustment.refine_focal_length = adjustment.refine_extra_params = False
         return dict(pycolmap.global_mapping(database, images, target, whole))
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads, options.random_seed, options.multiple_models = THREADS, seed, True
@@ -143,15 +146,12 @@ def sparse_model(
     Raises:
         UserError: too few photos fit together, or ``intrinsics.yaml`` is for photos of another size.
     """
+    import PIL.Image  # noqa: F401  # before pycolmap: loaded after it, Pillow aborts the process when it writes PNG
     import pycolmap
 
     if intrinsics is not None:
-        other = next((photo for photo in photos if photo.size != (intrinsics.width, intrinsics.height)), None)
-        if other is not None:
-            raise UserError(
-                f"intrinsics.yaml is for {intrinsics.width} x {intrinsics.height} pixels, but {other.name} has "
-                f"{other.size[0]} x {other.size[1]}; remove intrinsics.yaml or that photo."
-            )
+        intrinsics.check_sizes({photo.name: photo.file_size for photo in photos})
+        intrinsics = intrinsics.shrunk(photos[0].times)  # the sizes are the same, so the others' is too
     pycolmap.logging.minloglevel = 2
     pycolmap.set_random_seed(seed)
     with tempfile.TemporaryDirectory() as temporary:

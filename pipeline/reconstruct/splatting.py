@@ -1,9 +1,10 @@
 """2D Gaussian splatting (Huang et al. 2024), started from the points of the plane sweep: another way to the surface.
 
 Every object is optimised alone, on the pixels in which it is seen: the loss is the published one (0.8 L1 + 0.2 D-SSIM,
-depth distortion, consistency of rendered normals with the normals of the rendered depth) plus, where the capture has
-normal maps, their agreement with the rendered normals (the prior that the paper takes from StableNormal). Rendered
-depths are fused in a truncated signed-distance field; its surface is closed as that of the sweep is.
+depth distortion, consistency of rendered normals with the normals of the rendered depth), plus a pull towards covering
+the object's pixels, plus, where the capture has normal maps, their agreement with the rendered normals (the prior that
+the paper takes from StableNormal). Photos may differ in exposure: each is compared up to a factor. Rendered depths are
+fused in a truncated signed-distance field; its surface is closed as that of the sweep is.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ import torch
 from numpy.typing import NDArray
 
 from pipeline.compute.fan_out import fan_out
-from pipeline.reconstruct.dense import DenseObject
+from pipeline.compute.warp import warp
+from pipeline.reconstruct.dense import LEAST_VIEWS, DenseObject
 from pipeline.reconstruct.fusion import Points, thinned
 from pipeline.reconstruct.plane_sweep import Window
 from pipeline.reconstruct.rasterise import Target, rasterise
@@ -25,6 +27,7 @@ from pipeline.reconstruct.tsdf import DistanceField
 from pipeline.reconstruct.views import View
 from pipeline.reconstruct.visibility import Bodies
 from pipeline.records.captures import Scene
+from pipeline.records.errors import UserError
 from pipeline.records.parameters.reconstruct import ReconstructParameters, SplatParameters
 from pipeline.records.seeds import item_generator
 
@@ -32,6 +35,7 @@ from pipeline.records.seeds import item_generator
 RATES = {"centre": 2e-5, "rotation": 2e-3, "extent": 5e-3, "opacity": 2e-2, "brightness": 5e-3}
 INITIAL_OPACITY = 0.8
 LEAST_PIXELS = 50  # that show the object; a photo with fewer is left out
+WEIGHT_COVER = 0.05  # of the light that passes through where the object is
 LEAST_COVER = 0.5  # of a pixel whose depth is fused
 FOLLOWED_ANGLE = 85.0  # degrees between ray and normal beyond which a pixel is not used
 LARGEST_SLOPE = 0.2  # cosine between ray and normal below which a rendered depth is not fused
@@ -81,7 +85,7 @@ def shrunk_view(
     import cv2
 
     height, width = max(round(window.height * scale), 8), max(round(window.width * scale), 8)
-    # Whole pixels in both directions: the window is resampled with the scale that makes it so.
+    # Whole pixels: the small window ends up to half a pixel beside the large one, at the same scale in both directions.
     grid = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1) / scale
     pixels = grid.reshape(-1, 2) + [window.left, window.top]
     blurred = cv2.GaussianBlur(view.image, (0, 0), 0.35 / scale) if scale < 1 else view.image
@@ -196,7 +200,7 @@ def loss_of(outputs: torch.Tensor, view: SplatView, settings: SplatParameters) -
         gain = (photo * drawn)[shows].sum() / (drawn * drawn)[shows].sum().clamp_min(1e-6)
     drawn = torch.where(shows, drawn * gain, photo)
     loss = 0.8 * (drawn - photo)[shows].abs().mean() + 0.2 * _dissimilarity(drawn, photo, shows)
-    loss = loss + 0.05 * (1 - cover)[shows].mean()
+    loss = loss + WEIGHT_COVER * (1 - cover)[shows].mean()
     loss = loss + settings.weight_distortion * outputs[..., 6][shows].mean()
     rendered = outputs[..., 3:6]
     if settings.weight_normal:
@@ -208,11 +212,15 @@ def loss_of(outputs: torch.Tensor, view: SplatView, settings: SplatParameters) -
             & torch.roll(shows, 1, 1)
             & torch.roll(shows, -1, 1)
         )
-        loss = loss + settings.weight_normal * (cover - (rendered * surface).sum(-1))[inner].mean()
+        loss = loss + settings.weight_normal * (cover - (rendered * surface).sum(-1))[
+            inner
+        ].sum() / inner.sum().clamp_min(1)
     if view.prior is not None and settings.weight_prior:
         prior = torch.tensor(view.prior, device=device)
         known = shows & (prior.abs().sum(-1) > 0.5)
-        loss = loss + settings.weight_prior * (cover - (rendered * prior).sum(-1))[known].mean()
+        loss = loss + settings.weight_prior * (cover - (rendered * prior).sum(-1))[known].sum() / known.sum().clamp_min(
+            1
+        )
     return loss
 
 
@@ -280,6 +288,19 @@ def _splat(task: _Task) -> DenseObject:
     return DenseObject(points, surface, task.found.windows)
 
 
+def check_device(device: str) -> None:
+    """Refuse a device that is not there.
+
+    Raises:
+        UserError: torch or Warp cannot use it.
+    """
+    try:
+        torch.empty(0, device=device)
+        warp().get_device(device)
+    except (RuntimeError, AssertionError, ValueError) as error:
+        raise UserError(f"reconstruct.splat.device is {device}, which cannot be used here; set it to cpu.") from error
+
+
 def splatted_objects(
     views: Sequence[View],
     dense: Mapping[str, DenseObject],
@@ -293,6 +314,9 @@ def splatted_objects(
 
     Args:
         priors: per view name its undistorted normal map (h, w, 3), camera frame; may be empty.
+
+    Raises:
+        UserError: an object is too small in the photos, or its splats enclose nothing.
     """
     bodies, scale = Bodies([found.surface for found in dense.values()]), settings.splat.image_scale
     tasks = []
@@ -300,6 +324,11 @@ def splatted_objects(
         windows = [(views[index], window) for index, window in found.windows.items()]
         shrunk = [shrunk_view(view, window, bodies, number, scale, priors.get(view.name)) for view, window in windows]
         shown = tuple(view for view in shrunk if view.shows.sum() >= LEAST_PIXELS)
+        if len(shown) < LEAST_VIEWS:
+            raise UserError(
+                f"{name}: only {len(shown)} photos show enough of it for splatting; raise "
+                "reconstruct.splat.image_scale, or take the photos from nearer."
+            )
         tasks.append(_Task(name, found, shown, scene.support_plane, settings, seed))
     done = fan_out(_splat, tasks, workers, "splatting")
     return {task.name: found for task, found in zip(tasks, done, strict=True)}

@@ -66,7 +66,10 @@ def refined_corners(light: NDArray[np.float32], corners: NDArray[np.float64]) ->
 
 
 def detect_tags(photo: Photo, layout: TagLayout) -> Sightings:
-    """Return per tag of the layout seen its corners (4, 2), pixels with centres at .5, in OpenCV's order."""
+    """Return per tag of the layout seen its corners (4, 2), pixels with centres at .5, in OpenCV's order.
+
+    A tag that is seen twice in one photo, printed twice or mistaken, is left out: which one is meant is unknown.
+    """
     import cv2
 
     families = {
@@ -80,12 +83,13 @@ def detect_tags(photo: Photo, layout: TagLayout) -> Sightings:
     corners, numbers, _ = detector.detectMarkers(photo.grey)
     if numbers is None:
         return {}
+    times = Counter(numbers.ravel().tolist())
     light = np.asarray((photo.grey / np.float32(255)) ** np.float32(2.2), np.float32)
     # OpenCV counts pixels from their centres.
     return {
         int(number): refined_corners(light, corner.reshape(4, 2).astype(np.float64) + 0.5)
         for number, corner in zip(numbers.ravel(), corners, strict=True)
-        if int(number) in layout.tags
+        if int(number) in layout.tags and times[int(number)] == 1
     }
 
 

@@ -16,14 +16,17 @@ The scene frame is the one in which ``tags.yaml`` and ``scene.yaml`` give positi
 from __future__ import annotations
 
 import json
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
@@ -31,6 +34,17 @@ from pipeline.records.poses import pose_matrix
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
 TAG_FAMILIES = {"tag36h11": 587, "tag25h9": 35, "tag16h5": 30}  # how many tags each family has
+BESIDE_SUFFIXES = {"masks": (".png",), "normals": (".npy", ".png")}  # the first that exists is taken
+# How many of a lens model's parameters are focal lengths, and how many there are in all; the principal point follows
+# the focal lengths (https://colmap.github.io/cameras.html).
+LENS_PARAMETERS = {
+    "SIMPLE_PINHOLE": (1, 3),
+    "PINHOLE": (2, 4),
+    "SIMPLE_RADIAL": (1, 4),
+    "RADIAL": (1, 5),
+    "OPENCV": (2, 8),
+}
+LARGEST_OVERLAP = 0.1  # of two boxes, in parts of the sum of their half extents: places are known to a centimetre
 
 
 class _Strict(BaseModel):
@@ -45,6 +59,19 @@ class TagPose(_Strict):
     position: tuple[float, float, float]  # m, centre of the tag in the scene frame
     yaw_degrees: float = 0.0  # counter-clockwise seen from above; 0: the tag's right is +x and its top is +y
     quaternion: tuple[float, float, float, float] | None = None  # wxyz instead of the yaw; tag frame x right, y up
+
+    @field_validator("quaternion")
+    @classmethod
+    def _unit(cls, value: tuple[float, float, float, float] | None) -> tuple[float, float, float, float] | None:
+        if value is not None and abs(np.linalg.norm(value) - 1) > 0.01:
+            raise ValueError("a rotation's quaternion (w, x, y, z) has length 1")
+        return value
+
+    @model_validator(mode="after")
+    def _one_orientation(self) -> TagPose:
+        if self.quaternion is not None and "yaw_degrees" in self.model_fields_set:
+            raise ValueError("give yaw_degrees or quaternion, not both")
+        return self
 
     def matrix(self) -> NDArray[np.float64]:
         """Return ``T_scene_tag`` (4, 4): tag frame x to the right of the upright print, y to its top, z out of it."""
@@ -103,7 +130,44 @@ class Intrinsics(_Strict):
     model: Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"]
     width: int = Field(ge=16)  # pixels, after EXIF orientation
     height: int = Field(ge=16)
-    parameters: list[float] = Field(min_length=3, max_length=8)
+    parameters: list[float]  # pixels and COLMAP's coefficients, in its order
+
+    @model_validator(mode="after")
+    def _parameters_fit(self) -> Intrinsics:
+        focal, count = LENS_PARAMETERS[self.model]
+        if len(self.parameters) != count:
+            raise ValueError(f"parameters: {self.model} has {count} of them, not {len(self.parameters)}")
+        x, y = self.parameters[focal : focal + 2]
+        if min(self.parameters[:focal]) <= 0 or not (0 < x < self.width and 0 < y < self.height):
+            raise ValueError("parameters: focal lengths are positive and the principal point lies in the picture")
+        return self
+
+    def shrunk(self, times: int) -> Intrinsics:
+        """Return the camera of photos that were shrunk by a whole number, pixels left over cut off."""
+        focal, _ = LENS_PARAMETERS[self.model]
+        lengths, lens = self.parameters[: focal + 2], self.parameters[focal + 2 :]
+        return Intrinsics(
+            model=self.model,
+            width=self.width // times,
+            height=self.height // times,
+            parameters=[length / times for length in lengths] + lens,
+        )
+
+    def check_sizes(self, sizes: Mapping[str, tuple[int, int]]) -> None:
+        """Refuse photos that this camera did not take.
+
+        Args:
+            sizes: width and height of every photo by its name, pixels.
+
+        Raises:
+            UserError: one has another size.
+        """
+        for name, (width, height) in sizes.items():
+            if (width, height) != (self.width, self.height):
+                raise UserError(
+                    f"intrinsics.yaml is for {self.width} x {self.height} pixels, but {name} has {width} x {height}; "
+                    "remove intrinsics.yaml or that photo."
+                )
 
 
 @dataclass(frozen=True)
@@ -118,7 +182,7 @@ class Capture:
 
     def beside(self, kind: Literal["masks", "normals"], image: Path) -> Path | None:
         """Return the file of ``masks/`` or ``normals/`` that belongs to an image, None without one."""
-        for suffix in (".npy", ".png"):
+        for suffix in BESIDE_SUFFIXES[kind]:
             path = self.folder / kind / f"{image.stem}{suffix}"
             if path.exists():
                 return path
@@ -128,12 +192,26 @@ class Capture:
 Model = TypeVar("Model", bound=_Strict)
 
 
+class _Loader(yaml.SafeLoader):
+    """The safe loader, but a key that stands twice is refused: the second would silently replace the first."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """Return a mapping, as the safe loader does."""
+        keys = [(key.tag, key.value) for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+        double = next((value for (_, value), count in Counter(keys).items() if count > 1), None)
+        if double is not None:
+            raise yaml.constructor.ConstructorError(None, None, f"{double} is there twice", node.start_mark)
+        return super().construct_mapping(node, deep)
+
+
 def _read_yaml(path: Path, model: type[Model]) -> Model:
     try:
-        content: Any = yaml.safe_load(path.read_text())
+        content: Any = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
     except FileNotFoundError as error:
         raise UserError(f"{path} is missing; docs/capture.md shows what it holds.") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise UserError(f"{path} cannot be read: {error.strerror}; docs/capture.md shows what it holds.") from error
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise UserError(f"{path} is not valid YAML: {' '.join(str(error).split())}; correct it there.") from error
     if not isinstance(content, dict):
         raise UserError(f"{path} is empty or no mapping; docs/capture.md shows what it holds.")
@@ -143,14 +221,15 @@ def _read_yaml(path: Path, model: type[Model]) -> Model:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         text = "unknown key (misspelt?)" if first["type"] == "extra_forbidden" else first["msg"]
-        raise UserError(f"{path}: {where}: {text}; docs/capture.md shows what it holds.") from error
+        where, text = f"{where}: " if where else "", text.removeprefix("Value error, ")
+        raise UserError(f"{path}: {where}{text}; docs/capture.md shows what it holds.") from error
 
 
 def _images(folder: Path) -> tuple[Path, ...]:
     if not (folder / "images").is_dir():
         raise UserError(f"{folder} has no folder images/; put the photos there.")
     present = sorted(path for path in (folder / "images").iterdir() if not path.name.startswith("."))
-    foreign = [path for path in present if path.suffix.lower() not in IMAGE_SUFFIXES]
+    foreign = [path for path in present if path.suffix.lower() not in IMAGE_SUFFIXES or path.is_dir()]
     if foreign:
         raise UserError(
             f"{foreign[0]} is neither JPEG nor PNG ({len(foreign)} such files); "
@@ -165,10 +244,29 @@ def _images(folder: Path) -> tuple[Path, ...]:
 
 def _check_beside(folder: Path, images: tuple[Path, ...]) -> None:
     stems = {image.stem for image in images}
-    for kind in ("masks", "normals"):
-        lost = [path for path in sorted((folder / kind).glob("[!.]*")) if path.stem not in stems]
+    for kind, suffixes in BESIDE_SUFFIXES.items():
+        if (folder / kind).exists() and not (folder / kind).is_dir():
+            raise UserError(f"{folder / kind} is no folder; remove it, or make it one.")
+        present = sorted((folder / kind).glob("[!.]*"))
+        lost = [path for path in present if path.stem not in stems]
         if lost:
             raise UserError(f"{lost[0]} belongs to no photo; give it the name of its photo, or remove it.")
+        foreign = [path for path in present if path.suffix not in suffixes]
+        if foreign:
+            raise UserError(f"{foreign[0]} is not used; save it as {' or '.join(suffixes)}, or remove it.")
+
+
+def _overlap(one: SceneObject, other: SceneObject) -> float:
+    """Return how deep two boxes lie in each other, seen from above, in parts of the sum of their half extents.
+
+    The least over the axes of both, across which two rectangles can be told apart; negative where there is a gap.
+    """
+    axes = [item.matrix(0.0)[:2, :2] for item in (one, other)]  # columns: an object's own x and y
+    halves = [np.array(item.box[:2]) / 2 for item in (one, other)]
+    across = np.concatenate([axis.T for axis in axes])  # (4, 2)
+    reach = sum(np.abs(across @ axis) @ half for axis, half in zip(axes, halves, strict=True))
+    distance = np.abs(across @ np.subtract(one.position, other.position))
+    return float((1 - distance / reach).min())
 
 
 def _check_scene(path: Path, scene: Scene) -> None:
@@ -179,16 +277,13 @@ def _check_scene(path: Path, scene: Scene) -> None:
             raise UserError(
                 f"{path}: objects.{name}.box: {list(item.box)} is no size in metres; give the object's extents in m."
             )
-    names = list(scene.objects)
-    for index, first in enumerate(names):
-        for second in names[index + 1 :]:
-            one, other = scene.objects[first], scene.objects[second]
-            gap = np.hypot(*(np.subtract(one.position, other.position)))
-            if gap < 0.5 * (min(one.box[:2]) + min(other.box[:2])) * 0.9:
-                raise UserError(
-                    f"{path}: the boxes of {first} and {second} overlap (centres {1000 * gap:.0f} mm apart); "
-                    "correct their positions, or move the objects apart and take the photos again."
-                )
+    for (first, one), (second, other) in combinations(scene.objects.items(), 2):
+        if _overlap(one, other) > LARGEST_OVERLAP:
+            gap = np.hypot(*np.subtract(one.position, other.position))
+            raise UserError(
+                f"{path}: the boxes of {first} and {second} overlap (centres {1000 * gap:.0f} mm apart); "
+                "correct their positions, or move the objects apart and take the photos again."
+            )
 
 
 def read_capture(folder: Path) -> Capture:

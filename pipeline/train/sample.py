@@ -16,12 +16,19 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.running import run_stage
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from pipeline.records.objects import PreparedObject
+    from pipeline.train.checkpoint import Checkpoint
+    from pipeline.train.proposals import Drawn
 
 
 def sections(source: str = "", object_name: str = "") -> list[str]:
@@ -38,51 +45,21 @@ def sample_pairs(first: str) -> None:
         UserError: an input is missing or damaged, or ``styles.pinch`` does not name the object.
     """
     parameters = load_parameters(sections())
-    workers = read_parameters().compute.workers
-    seed, second_objects = parameters["seed"], parameters["styles"].after(first)
-
-    import numpy as np
+    second_objects = parameters["styles"].after(first)
 
     from pipeline.records.objects import load_prepared_object
-    from pipeline.records.seeds import item_seed
-    from pipeline.records.tables import MERGED, read_table, write_table
-    from pipeline.records.writing import whole_folder, write_json
-    from pipeline.train.checkpoint import read_checkpoint
-    from pipeline.train.data import grasps_of, unseen_rows
-    from pipeline.train.proposals import check_grasps, draw_grasps, pair_energy, quality
-    from pipeline.train.quality import nearest_samples
+    from pipeline.records.tables import MERGED, read_table
 
-    checkpoint = read_checkpoint(paths.MODEL_FOLDER)
-    model = checkpoint.model()
+    stage = _Stage(parameters)
     objects = {name: load_prepared_object(name) for name in dict.fromkeys([first, *second_objects])}
     tables, figures = {}, {}
     for second in second_objects:
-        pair = (objects[first], objects[second])
-        points = (pair[0].surface_points, pair[1].surface_points)
-        task = _task(parameters, pair, points, item_seed(seed, "train", "sample", first, second) % 2**31)
-        energy = pair_energy(task)
-        drawn = draw_grasps(checkpoint, model, task, energy)
-        table = tables[second] = check_grasps(task, drawn, workers)
+        seed = ("train", "sample", first, second)
+        tables[second], drawn, common = stage.draw((objects[first], objects[second]), seed)
         merged = read_table(paths.merged_file(first, second), MERGED, f"merge@{first}")
-        known = merged[merged["rejected_by"] == ""]
-        trained = (first, second) in checkpoint.pairs
-        unseen = unseen_rows(known, checkpoint.held_out) if trained else np.ones(len(known), dtype=bool)
-        held_out, seen = known[unseen], known[~unseen][: len(drawn.ranked.grasps)]
-        figures[second] = {
-            "trained": trained,
-            "drawn": len(drawn.ranked.grasps),
-            "joint_violation_mean": float(drawn.joint_violation.mean()),
-            "raw": quality(energy, drawn.raw),
-            "ranked": quality(energy, drawn.ranked.chosen(_accepted(table))),
-            "held_out": nearest_samples(grasps_of(held_out), drawn.ranked.grasps) if len(held_out) else {},
-            # What as many grasps to learn from cover: no set of that size can be expected to do much better.
-            "held_out_by_training": _reference(held_out, seen),
-        }
-        print(f"{first} then {second}: {len(_accepted(table))} accepted of {len(table)} tried")
-    with whole_folder(paths.sampled_folder(first)) as folder:
-        for second, table in tables.items():
-            write_table(folder / paths.sampled_file(first, second).name, table, MERGED)
-        write_json(folder / "quality.json", figures)
+        figures[second] = common | _against_known(stage.checkpoint, (first, second), merged, drawn)
+        print(f"{first} then {second}: {len(_accepted(tables[second]))} accepted of {len(tables[second])} tried")
+    _write_folder(paths.sampled_folder(first), tables, figures)
 
 
 def sample_reconstructed(first: str) -> None:
@@ -92,49 +69,95 @@ def sample_reconstructed(first: str) -> None:
         UserError: an input is missing or damaged, or ``reconstructed`` does not name the object.
     """
     parameters = load_parameters(sections(paths.RECONSTRUCTED, first))
-    workers = read_parameters().compute.workers
-    pairs, seed = parameters[f"reconstructed.{first}"], parameters["seed"]
+    pairs = parameters[f"reconstructed.{first}"]
 
     from pipeline.records.reconstructions import load_reconstructed_object
-    from pipeline.records.seeds import item_seed
     from pipeline.records.solids import object_of_reconstruction
-    from pipeline.records.tables import MERGED, write_table
-    from pipeline.records.writing import whole_folder, write_json
-    from pipeline.train.checkpoint import read_checkpoint
-    from pipeline.train.proposals import check_grasps, draw_grasps, pair_energy, quality
 
-    checkpoint = read_checkpoint(paths.MODEL_FOLDER)
-    model = checkpoint.model()
+    stage = _Stage(parameters)
     objects = {
         name: object_of_reconstruction(load_reconstructed_object(pairs.capture, name))
         for name in dict.fromkeys([first, *pairs.side])
     }
     tables, figures = {}, {}
     for second in pairs.side:
-        pair = (objects[first], objects[second])
+        seed = ("train", paths.RECONSTRUCTED, first, second)
+        tables[second], _, figures[second] = stage.draw((objects[first], objects[second]), seed)
+        accepted = len(_accepted(tables[second]))
+        print(f"{first} then {second}, reconstructed: {accepted} accepted of {len(tables[second])} tried")
+    _write_folder(paths.reconstructed_folder(first), tables, figures)
+
+
+class _Stage:
+    """The trained model, and what both stages do with a pair."""
+
+    def __init__(self, parameters: dict[str, Any]) -> None:
+        from pipeline.train.checkpoint import read_checkpoint
+
+        self.parameters = parameters
+        self.workers = read_parameters().compute.workers
+        self.checkpoint = read_checkpoint(paths.MODEL_FOLDER)
+        self.model = self.checkpoint.model()
+
+    def draw(
+        self, pair: tuple[PreparedObject, PreparedObject], identity: tuple[str, ...]
+    ) -> tuple[pd.DataFrame, Drawn, dict[str, Any]]:
+        """Return the table of checked grasps of a pair, what was drawn, and figures for ``quality.json``.
+
+        Args:
+            identity: what the random seed of the pair depends on, besides the run's.
+        """
+        from pipeline.records.seeds import item_seed
+        from pipeline.train.proposals import check_grasps, draw_grasps, pair_energy, quality
+
         points = (pair[0].surface_points, pair[1].surface_points)
-        task = _task(parameters, pair, points, item_seed(seed, "train", paths.RECONSTRUCTED, first, second) % 2**31)
+        task = _task(self.parameters, pair, points, item_seed(self.parameters["seed"], *identity) % 2**31)
         energy = pair_energy(task)
-        drawn = draw_grasps(checkpoint, model, task, energy)
-        table = tables[second] = check_grasps(task, drawn, workers)
-        figures[second] = {
+        drawn = draw_grasps(self.checkpoint, self.model, task, energy)
+        table = check_grasps(task, drawn, self.workers)
+        figures = {
             "drawn": len(drawn.ranked.grasps),
             "joint_violation_mean": float(drawn.joint_violation.mean()),
             "raw": quality(energy, drawn.raw),
             "ranked": quality(energy, drawn.ranked.chosen(_accepted(table))),
         }
-        print(f"{first} then {second}, reconstructed: {len(_accepted(table))} accepted of {len(table)} tried")
-    with whole_folder(paths.reconstructed_folder(first)) as folder:
-        for second, table in tables.items():
-            write_table(folder / paths.reconstructed_file(first, second).name, table, MERGED)
-        write_json(folder / "quality.json", figures)
+        return table, drawn, figures
 
 
-def _reference(held_out: Any, seen: Any) -> dict[str, float]:
-    from pipeline.train.data import grasps_of
+def _against_known(checkpoint: Checkpoint, pair: tuple[str, str], merged: pd.DataFrame, drawn: Drawn) -> dict[str, Any]:
+    """Return whether the model was trained on a pair, and how near its samples come to grasps it has not seen.
+
+    Args:
+        merged: the pair's table of ``merge``.
+    """
+    import numpy as np
+
+    from pipeline.train.data import grasps_of, unseen_rows
     from pipeline.train.quality import nearest_samples
 
-    return nearest_samples(grasps_of(held_out), grasps_of(seen)) if len(held_out) and len(seen) else {}
+    known = merged[merged["rejected_by"] == ""]
+    trained = pair in checkpoint.pairs
+    unseen = unseen_rows(known, checkpoint.held_out) if trained else np.ones(len(known), dtype=bool)
+    held_out, seen = known[unseen], known[~unseen][: len(drawn.ranked.grasps)]
+    return {
+        "trained": trained,
+        "held_out": nearest_samples(grasps_of(held_out), drawn.ranked.grasps) if len(held_out) else {},
+        # What as many grasps to learn from cover: no set of that size can be expected to do much better.
+        "held_out_by_training": (
+            nearest_samples(grasps_of(held_out), grasps_of(seen)) if len(held_out) and len(seen) else {}
+        ),
+    }
+
+
+def _write_folder(target: Path, tables: dict[str, pd.DataFrame], figures: dict[str, dict[str, Any]]) -> None:
+    """Write one table per second object, and the figures, as a whole folder."""
+    from pipeline.records.tables import MERGED, write_table
+    from pipeline.records.writing import whole_folder, write_json
+
+    with whole_folder(target) as folder:
+        for second, table in tables.items():
+            write_table(folder / f"{second}.parquet", table, MERGED)
+        write_json(folder / "quality.json", figures)
 
 
 def _accepted(table: Any) -> Any:
@@ -232,6 +255,8 @@ def main(arguments: list[str] | None = None) -> int:
         return run_stage(f"sample-reconstructed@{chosen.object}", lambda: sample_reconstructed(chosen.object))
     if chosen.object:
         return run_stage(f"sample@{chosen.object}", lambda: sample_pairs(chosen.object))
+    if chosen.source:
+        parser.error("give --source with --object NAME")
     if not (chosen.object0 and chosen.object1) or chosen.n < 1:
         parser.error("give --object NAME, or --object0 FILE and --object1 FILE, and -n of at least 1")
     try:

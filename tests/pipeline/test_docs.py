@@ -33,6 +33,9 @@ MADE_ELSEWHERE = {
     "data/raw/mug.stl",
     "data/prepare/<object>/object.json",
     "metrics.json",
+    "plan/plan.json",
+    "plan/plan.csv",
+    "plan/playback.png",
 }
 WORDS = {
     *FILE_FORMATS,

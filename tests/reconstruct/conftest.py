@@ -14,7 +14,7 @@ def capture_folder(tmp_path_factory):
 def photos(capture_folder):
     from pipeline.reconstruct.photos import read_photos
 
-    return read_photos(read_capture(capture_folder))
+    return read_photos(read_capture(capture_folder), 480)
 
 
 @pytest.fixture(scope="session")

@@ -17,7 +17,8 @@ def settings():
 @pytest.fixture(scope="module")
 def motorcycle():
     """A real stereo pair with measured disparities (Middlebury 2014, as scikit-image ships it), and its views."""
-    data = pytest.importorskip("skimage.data")
+    from skimage import data
+
     left, right, disparity = data.stereo_motorcycle()
     focal, baseline, offset = 994.978, 0.193001, 31.086
     views = []

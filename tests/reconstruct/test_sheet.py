@@ -1,6 +1,7 @@
 """The printable tags, drawn by a reader of PDF's operators that knows nothing of how they were written."""
 
 import re
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -58,6 +59,17 @@ def test_the_ruler_is_a_hundred_millimetres():
     text = tag_sheet([0], 0.06, "a4").decode("ascii")
     marks = [float(line.split()[0]) for line in text.split("\n") if re.fullmatch(r"[\d. ]+ 0\.2835 [\d.]+ re", line)]
     assert len(marks) == 101 and (max(marks) - min(marks)) / 72 * 25.4 == pytest.approx(100)
+
+
+@pytest.mark.parametrize("size", [0.01, 0.02, 0.06])
+def test_labels_do_not_run_into_each_other(size):
+    text = tag_sheet(range(40), size, "a4").decode("ascii")
+    labels = re.findall(r"/F1 ([\d.]+) Tf ([\d.]+) ([\d.]+) Td \((tag36h11 .*?)\) Tj", text)
+    assert len(labels) == 40
+    assert any(y == other_y for (_, _, y, _), (_, _, other_y, _) in pairwise(labels)), "some stand side by side"
+    for (font, x, y, label), (_, next_x, next_y, _) in pairwise(labels):
+        if y == next_y:  # letters of Helvetica are about half as wide as the font is high
+            assert float(x) + 0.5 * float(font) * len(label) <= float(next_x)
 
 
 def test_the_file_is_a_pdf_whose_table_is_right():

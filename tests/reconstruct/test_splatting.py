@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pipeline.records.errors import UserError
 from pipeline.records.parameters.reconstruct import SplatParameters
 
 torch = pytest.importorskip("torch")
@@ -71,3 +72,13 @@ def test_normal_maps_enter_the_loss(plane):
     drawn = outputs.numpy()
     expected = 0.2 * (drawn[..., 1] - (drawn[..., 3:6] * tilted).sum(axis=-1))[known].mean()
     assert float(extra) == pytest.approx(float(expected), rel=1e-4)
+    unknown = replace(views[0], prior=np.zeros((SIZE, SIZE, 3), np.float32))
+    assert float(loss_of(outputs, unknown, settings)) == float(loss_of(outputs, views[0], settings))
+
+
+def test_a_device_that_is_not_there_is_one_sentence():
+    from pipeline.reconstruct.splatting import check_device
+
+    check_device("cpu")
+    with pytest.raises(UserError, match="splat.device is cuda:77"):
+        check_device("cuda:77")

@@ -3,8 +3,8 @@ import pytest
 
 from pipeline.capture.layout import camera_poses
 from pipeline.reconstruct.alignment import align, fit_similarity
-from pipeline.reconstruct.tags import check_sightings, locate, locate_corners
-from pipeline.records.captures import read_capture, read_truth
+from pipeline.reconstruct.tags import check_sightings, detect_tags, locate, locate_corners
+from pipeline.records.captures import Intrinsics, read_capture, read_truth
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import read_parameters
 from pipeline.records.seeds import item_generator
@@ -99,6 +99,25 @@ def test_too_few_tags_are_told_before_the_long_work(sightings, layout, settings)
     check_sightings(only_first, alone, settings.model_copy(update={"least_tags": 1}))
     with pytest.raises(UserError, match=r"0 of the 6 tags"):
         check_sightings({"photo_000": {}}, layout, settings)
+
+
+def test_a_tag_seen_twice_in_a_photo_does_not_count(photos, sightings, layout):
+    from dataclasses import replace
+
+    photo = photos[0]
+    doubled = replace(photo, grey=np.concatenate([photo.grey, photo.grey], axis=1))
+    assert sightings[photo.name] and detect_tags(doubled, layout) == {}
+
+
+def test_a_calibrated_camera_is_held(photos):
+    from pipeline.reconstruct.sparse import sparse_model
+
+    lens = [475.2, 475.2, 240.0, 180.0]  # as it was rendered: 0.99 widths, in the middle
+    camera = Intrinsics.model_validate({"model": "PINHOLE", "width": 480, "height": 360, "parameters": lens})
+    quick = read_parameters().reconstruct.sparse.model_copy(update={"features": 1200})
+    found = sparse_model(photos[::2], camera, quick, seed=1)
+    for view in found.views:
+        assert view.camera.params.tolist() == lens
 
 
 def test_one_tag_is_refused_with_advice(located, layout, settings):

@@ -155,6 +155,9 @@ def test_bad_input_is_one_sentence(model, tmp_path, capsys):
     assert "none.stl is missing" in error and len(error.strip().splitlines()) == 1
     with pytest.raises(SystemExit):
         sample.main(["--object0", "none.stl"])
+    with pytest.raises(SystemExit):
+        sample.main(["--source", "reconstructed", "--object0", "none.stl", "--object1", "none.stl"])
+    assert "give --source with --object NAME" in capsys.readouterr().err
 
 
 def test_without_a_model_the_stage_that_makes_it_is_named(model, capsys):

@@ -73,6 +73,13 @@ class ReconstructParameters(Section):
     """Settings of the reconstruction, the same for all captures."""
 
     method: Literal["plane_sweep", "2dgs"] = Field("plane_sweep", description="How the surface is made; paper: 2dgs.")
+    largest_side: int = Field(
+        1600,
+        ge=64,
+        le=20000,
+        description="Larger photos are shrunk by the smallest whole number that makes them fit, pixels. Time and "
+        "memory grow with the area.",
+    )
     sparse: SparseParameters
     alignment: AlignmentParameters
     sweep: SweepParameters
