@@ -20,7 +20,7 @@ PER_ROW = 6
 COLOURS = ((0.88, 0.54, 0.18), (0.24, 0.47, 0.71), (0.36, 0.62, 0.35), (0.60, 0.40, 0.65))  # in the order of picking
 POST_COLOUR = (0.62, 0.62, 0.60)
 SHOWN = ("settle", "enter", "close", "lift", "hold")  # first words of phases
-CLOSE_AZIMUTH, CLOSE_ELEVATION = 62.0, 8.0  # degrees; the palm faces +y when the last object is held
+CLOSE_AZIMUTH, CLOSE_ELEVATION = 115.0, -25.0  # degrees; the palm faces +y when the last object is held
 
 
 def trial_sheet(
@@ -46,7 +46,7 @@ def trial_sheet(
             panels.append(captioned(picture, phase))
     bodies = _placed(row, objects, last)
     points = np.concatenate([body.world_vertices() for body in bodies])
-    camera = framing(points, CLOSE_AZIMUTH, CLOSE_ELEVATION, WIDTH / HEIGHT, margin=1.5)
+    camera = framing(points, CLOSE_AZIMUTH, CLOSE_ELEVATION, WIDTH / HEIGHT, margin=1.6)
     hand = [*robot_bodies(row["snapshot_robot_q"][last]), *bodies]
     panels.append(captioned(render(hand, camera, WIDTH, HEIGHT), "close up"))
     panels += [np.full_like(panels[0], 255)] * (-len(panels) % PER_ROW)
