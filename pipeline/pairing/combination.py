@@ -45,6 +45,7 @@ class Task:
     merge: MergeParameters
     physics: PhysicsParameters
     validate: ValidateParameters  # directions, limits and opening of the single grasps' tests
+    approach_clearance: float = -np.inf  # m, least distance to an object after the first on the way to it
 
 
 @dataclass
@@ -137,7 +138,7 @@ def _approach_checks(task: Task, verdict: Verdict, first: ReadyFirst) -> str:
         verdict.approach_direction.append(approach.direction)
         verdict.approach_length.append(approach.length)
         verdict.sweep_penetrations.append(approach.penetrations)
-        if approach.penetrations:
+        if approach.penetrations or approach.clearance < task.approach_clearance:
             return f"{ORDINALS[pick]}_approach"
         if motion_clearance(grasp, pick, approach.open_q, task.objects, support) < -tolerance:
             return f"{'_'.join(fingers)}_motion"

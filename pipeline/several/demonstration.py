@@ -31,6 +31,7 @@ def task_of(sequence: SeveralParameters, objects: tuple[Any, ...], parameters: P
         merge=parameters.merge.model_copy(update={"approach_lengths": sequence.approach_lengths}),
         physics=parameters.physics,
         validate=parameters.validate_,
+        approach_clearance=sequence.approach_clearance,
     )
 
 

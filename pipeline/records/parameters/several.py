@@ -47,6 +47,11 @@ class SeveralParameters(Section):
     approach_lengths: list[float] = Field(
         [0.12, 0.07, 0.05], min_length=1, description="Straight approach to objects after the first, m."
     )
+    approach_clearance: float = Field(
+        0.003,
+        description="Least distance to an object after the first on the straight way to it, m; of all but what touches "
+        "it at the end. Fingers that hold other objects cannot open for it, and are not exactly where they should be.",
+    )
     lift_height: float = Field(
         0.22,
         gt=0,
