@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.hand.moves import finger_joints
-from pipeline.hand.support import PLANE
+from pipeline.hand.support import PLANE, Support
 from pipeline.pairing.combination import Task, check_combination
 from pipeline.pairing.readiness import ReadyFirst, as_synthesized, ready_first
 from pipeline.records.parameters.merge import MergeParameters
@@ -51,6 +51,16 @@ def test_discs_in_one_another_are_refused_and_apart_are_not() -> None:
     assert near.rejected_by == "object_clearance" and near.object_clearance == pytest.approx(0.015 - 0.03, abs=2e-3)
     assert apart.object_clearance == pytest.approx(0.045 - 0.03, abs=1e-3)
     assert apart.rejected_by != "object_clearance" and apart.hand_clearance is not None
+
+
+def test_an_object_must_not_be_passed_too_closely() -> None:
+    """From a post, as a table would be in the way of the ring finger below; the checks go on to the approaches."""
+    posts = (PLANE, Support(0.005, 0.2), PLANE)
+    chosen = [first(), as_synthesized(palm_grasp("middle", 0.0)), as_synthesized(palm_grasp("ring", -0.075))]
+    free = check_combination(replace(task(), supports=posts), chosen)
+    strict = check_combination(replace(task(), supports=posts, approach_clearance=0.1), chosen)
+    assert free.rejected_by == "" and free.sweep_penetrations == [0, 0] and len(free.open_q) == 3
+    assert strict.rejected_by == "second_approach" and len(strict.open_q) == 2
 
 
 def test_a_finger_of_another_group_is_refused() -> None:
