@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 import shutil
 import sqlite3
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from filelock import FileLock
 
 # Durations differ from run to run, and no stage declares them.
 UNCOUNTED = {"durations.json", ".durations.lock", ".gitignore"}
@@ -184,13 +186,26 @@ def fresh(repository, tmp_path) -> WorkingCopy:
 
 @pytest.fixture(scope="session")
 def finished(repository, tmp_path_factory) -> WorkingCopy:
-    """The whole pipeline at scale tiny, run once by real DVC and committed. Do not change it."""
-    copy = copy_of_sources(repository, tmp_path_factory.mktemp("finished") / "repository")
+    """The whole pipeline at scale tiny, run once by real DVC and committed. Do not change it.
+
+    Processes that share the tests share it: the first one makes it.
+    """
+    shared = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        shared = shared.parent
+    with FileLock(shared / "finished.lock"):
+        if not (shared / "finished.done").exists():
+            _run_tiny(repository, shared / "finished")
+            (shared / "finished.done").touch()
+    return WorkingCopy(shared / "finished")
+
+
+def _run_tiny(repository: Path, target: Path) -> None:
+    copy = copy_of_sources(repository, target)
     composed = copy.command(sys.executable, "-m", "pipeline.workspace.scales", "compose", "tiny")
     assert composed.returncode == 0, composed.stderr
     copy.repro()
     copy.commit("Results")
-    return copy
 
 
 @pytest.fixture
