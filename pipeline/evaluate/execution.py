@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.evaluate.scene import START_ARM, START_HAND, Scene
-from pipeline.evaluate.sequence import Phase, Posture
+from pipeline.evaluate.sequence import ORDINALS, Phase, Posture
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.poses import inverse_pose, position_quaternion
 
 RELEASED_HEIGHT = 0.1  # m, the released code's criterion
 # A pick lifted its object when the object rose by this share of the hand's own lift.
 LIFTED_SHARE = 0.5
-LOST = 0.05  # m, motion in the hand after which object 0 counts as lost on the way
+LOST = 0.05  # m, motion in the hand after which a held object counts as lost on the way
 
 
 class Ended(Exception):
@@ -30,21 +30,29 @@ class Run:
 
     scene: Scene
     settings: EvaluateParameters
-    rest: list[NDArray[np.float64]]  # settled T_world_object of both objects
+    rest: list[NDArray[np.float64]]  # settled T_world_object of the objects, in the order of picking
     posture: Posture = field(default_factory=lambda: Posture(START_ARM.copy(), START_HAND.copy()))  # last targets
-    held_pose: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))  # T_hand_object0 before the second pick
+    held_poses: list[NDArray[np.float64]] = field(default_factory=list)  # T_hand_object before the current pick
     steps: int = 0
     phase: str = "settle"
-    snapshots: list[tuple[str, Any, Any, Any]] = field(default_factory=list)
-    heights: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
-    push1: float = 0.0
+    snapshots: list[tuple[str, Any, list[Any]]] = field(default_factory=list)  # phase, robot's joints, object poses
+    heights: NDArray[np.float64] = field(init=False)  # (n,) m
+    pushes: NDArray[np.float64] = field(init=False)  # (n,) m, of objects before their fingers close
     under_way: str = ""  # phase being carried out
     watch: Callable[[Run], None] | None = None  # called after every control period; looks on and changes nothing
+
+    def __post_init__(self) -> None:
+        self.heights, self.pushes = np.zeros(self.count), np.zeros(self.count)
+
+    @property
+    def count(self) -> int:
+        """How many objects there are."""
+        return len(self.scene.objects)
 
     def settle(self, phase: Phase) -> None:
         """Let the objects come to rest before anything moves."""
         self._follow(phase)
-        self.rest = [self.pose(0), self.pose(1)]
+        self.rest = [self.pose(index) for index in range(self.count)]
         self._end_phase(phase.name)
 
     def execute(self, phases: Sequence[Phase]) -> None:
@@ -58,10 +66,12 @@ class Run:
                 self._hold(phase)
                 continue
             self._follow(phase)
-            if phase.name == "enter second":
-                self.push1 = self.push(1)
+            name, ordinal = phase.name.split()
+            number = ORDINALS.index(ordinal)
+            if name == "enter":
+                self.pushes[number] = self.push(number)
             self._end_phase(phase.name)
-            self._judge(phase.name)
+            self._judge(name, number)
 
     def _follow(self, phase: Phase) -> None:
         self.under_way = phase.name
@@ -78,31 +88,31 @@ class Run:
         if self.watch:
             self.watch(self)
 
-    def _judge(self, name: str) -> None:
-        """End the sequence when the phase just completed did not do what it should."""
-        settings = self.settings
-        if name == "enter first" and max(self.push(0), self.push(1)) > settings.push_limit:
-            raise Ended("collision on approach")
-        if name == "lift first" and self.height(0) < LIFTED_SHARE * settings.first_lift_height:
-            raise Ended("first slip")
-        if name == "open second":
-            self.held_pose = self.pose_in_hand()
-        if name == "enter second":
-            if np.linalg.norm((self.pose_in_hand() - self.held_pose)[:3, 3]) > LOST:
-                raise Ended("first lost in transit")
-            if self.push1 > settings.push_limit:
+    def _judge(self, name: str, number: int) -> None:
+        """End the sequence when the phase of one pick just completed did not do what it should."""
+        settings, ordinal = self.settings, ORDINALS[number]
+        last = number == self.count - 1
+        if name == "open":
+            self.held_poses = [self.pose_in_hand(index) for index in range(number)]
+        if name == "enter":
+            for index in range(number):
+                if np.linalg.norm((self.pose_in_hand(index) - self.held_poses[index])[:3, 3]) > LOST:
+                    raise Ended(f"{ORDINALS[index]} lost in transit")
+            if max(self.push(index) for index in range(number, self.count)) > settings.push_limit:
                 raise Ended("collision on approach")
-        if name == "lift second":
-            for index, reason in ((0, "first lost in transit"), (1, "second slip")):
-                if self.heights[index] < settings.success_height:
-                    raise Ended(reason)
+        if name == "lift" and not last and self.height(number) < LIFTED_SHARE * settings.first_lift_height:
+            raise Ended(f"{ordinal} slip")
+        if name == "lift" and last:
+            for index, height in enumerate(self.heights):
+                if height < settings.success_height:
+                    raise Ended(f"{ordinal} slip" if index == number else f"{ORDINALS[index]} lost in transit")
 
     def _hold(self, phase: Phase) -> None:
         self.under_way = phase.name
         lowest = self.heights
         for arm, velocity, hand in zip(phase.arm, phase.arm_velocity, phase.hand, strict=True):
             self._control(arm, hand, velocity)
-            lowest = np.minimum(lowest, [self.height(0), self.height(1)])
+            lowest = np.minimum(lowest, [self.height(index) for index in range(self.count)])
         self._end_phase(phase.name)
         self.heights = lowest
         if lowest.min() < self.settings.success_height:
@@ -124,34 +134,36 @@ class Run:
         """How far an object is from where it rested, m."""
         return float(np.linalg.norm(self.pose(index)[:3, 3] - self.rest[index][:3, 3]))
 
-    def pose_in_hand(self) -> NDArray[np.float64]:
-        """``T_hand_object`` (4, 4) of object 0 now."""
-        return inverse_pose(_known(self.scene.robot.link_pose("base_link"))) @ self.pose(0)
+    def pose_in_hand(self, index: int) -> NDArray[np.float64]:
+        """``T_hand_object`` (4, 4) of one object now."""
+        return inverse_pose(_known(self.scene.robot.link_pose("base_link"))) @ self.pose(index)
 
     def _end_phase(self, phase: str) -> None:
         """Name the phase that was completed and remember what the scene looks like."""
         self.phase = phase
-        poses = [np.concatenate(position_quaternion(self.pose(index))) for index in (0, 1)]
-        self.snapshots.append((phase, self.scene.robot.q, poses[0], poses[1]))
-        self.heights = np.array([self.height(0), self.height(1)])
+        poses = [np.concatenate(position_quaternion(self.pose(index))) for index in range(self.count)]
+        self.snapshots.append((phase, self.scene.robot.q, poses))
+        self.heights = np.array([self.height(index) for index in range(self.count)])
 
     def outcome(self, reason: str) -> dict[str, Any]:
-        """Return the columns of ``records.tables.TRIALS`` that tell how it went; ``reason`` '' is success."""
-        lifted = next((s for s in self.snapshots if s[0] == "lift second"), None)
-        rises = [] if lifted is None else [lifted[2 + i][2] - self.rest[i][2, 3] for i in (0, 1)]
+        """Return how it went; ``reason`` '' is success.
+
+        With two objects these are columns of ``records.tables.TRIALS``, with more there are more of the same kind.
+        """
+        lifted = next((s for s in self.snapshots if s[0] == f"lift {ORDINALS[self.count - 1]}"), None)
+        rises = [] if lifted is None else [p[2] - T[2, 3] for p, T in zip(lifted[2], self.rest, strict=True)]
+        objects = range(self.count)
         return {
             "phase": self.phase,
             "success": reason == "",
             "success_10cm": bool(rises and min(rises) > RELEASED_HEIGHT),
             "reason": reason,
-            "height0": float(self.heights[0]),
-            "height1": float(self.heights[1]),
-            "push1": self.push1,
+            **{f"height{index}": float(self.heights[index]) for index in objects},
+            **{f"push{index}": float(self.pushes[index]) for index in objects[1:]},
             "steps": self.steps,
             "snapshot_phases": [snapshot[0] for snapshot in self.snapshots],
             "snapshot_robot_q": [snapshot[1] for snapshot in self.snapshots],
-            "snapshot_pose0": [snapshot[2] for snapshot in self.snapshots],
-            "snapshot_pose1": [snapshot[3] for snapshot in self.snapshots],
+            **{f"snapshot_pose{index}": [snapshot[2][index] for snapshot in self.snapshots] for index in objects},
         }
 
 

@@ -1,15 +1,56 @@
-"""Which two-object grasps a trial tries, in which order."""
+"""The grasps that a sequence carries out, and which of them a trial tries in which order."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.records.poses import pose_matrix
+
+
+@dataclass(frozen=True)
+class PickGrasp:
+    """How one object is grasped, in a hand that may hold others already."""
+
+    fingers: tuple[str, ...]  # that belong to this object
+    open_q: NDArray[np.float64]  # (16,) for the approach
+    T_hand_object: NDArray[np.float64]  # (4, 4)
+    approach_direction: NDArray[np.float64]  # (3,) object frame
+    approach_length: float | None = None  # m; None: the settings' entry_length
+
+
+class SequenceGrasp(Protocol):
+    """One hand around its objects, picked one after the other."""
+
+    @property
+    def merged_id(self) -> int:
+        """Row of the table that it comes from."""
+
+    @property
+    def q(self) -> NDArray[np.float64]:
+        """(16,) joints at the end."""
+
+    @property
+    def squeeze_q(self) -> NDArray[np.float64]:
+        """(16,) drive targets at the end."""
+
+    @property
+    def picks(self) -> tuple[PickGrasp, ...]:
+        """One per object, in the order of picking."""
+
+
+@dataclass(frozen=True)
+class SeveralObjectsGrasp:
+    """A grasp of any number of objects."""
+
+    merged_id: int
+    q: NDArray[np.float64]  # (16,)
+    squeeze_q: NDArray[np.float64]  # (16,)
+    picks: tuple[PickGrasp, ...]
 
 
 @dataclass(frozen=True)
@@ -26,6 +67,14 @@ class TwoObjectGrasp:
     approach_direction0: NDArray[np.float64]  # (3,) object 0 frame
     approach_direction1: NDArray[np.float64]  # (3,) object 1 frame
     approach_length1: float  # m
+
+    @property
+    def picks(self) -> tuple[PickGrasp, ...]:
+        """The pinch, then the grasp with ring finger and palm."""
+        return (
+            PickGrasp(("thumb", "index", "middle"), self.open_q0, self.T_hand_object0, self.approach_direction0),
+            PickGrasp(("ring",), self.open_q1, self.T_hand_object1, self.approach_direction1, self.approach_length1),
+        )
 
 
 def grasp_from_row(row: dict[str, Any]) -> TwoObjectGrasp:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pipeline.evaluate.grasps import TwoObjectGrasp
 from pipeline.evaluate.limits import Check, Waypoints
 from pipeline.evaluate.scene import START_ARM, START_HAND, object_obstacle
-from pipeline.evaluate.sequence import Phase, Posture, Surroundings, first_phases, plan_both, second_phases
+from pipeline.evaluate.sequence import Phase, Posture, Surroundings, pick_phases, plan_all
 from pipeline.hand.robot import ARM_JOINT_NAMES, ROBOT_JOINT_NAMES
 from pipeline.records.errors import UserError
 from pipeline.records.objects import PreparedObject
@@ -57,17 +57,19 @@ def propose(table: Table, grasp: TwoObjectGrasp, settings: EvaluateParameters, r
         if overlap(one, other):
             names = " and ".join(standing[which].prepared.name for which in (index, number))
             raise UserError(f"{names} would stand in each other; place them apart.")
-    first, second, *others = obstacles
+    count = len(table.objects)
+    around = Surroundings(tuple(obstacles[:count]), tuple(obstacles[count:]))
     start = Posture(START_ARM, START_HAND)
-    picks = plan_both(grasp, Surroundings(first, second, tuple(others)), start.arm, settings, rng)
-    for pick, item in zip(picks, table.objects, strict=True):
-        if pick is None:
-            raise UserError(
-                f"no motion was found that picks {item.prepared.name} with grasp {grasp.merged_id}; "
-                "choose another grasp with --merged-id, or place the objects elsewhere."
-            )
-    phases = first_phases(start, grasp, picks[0], settings)  # type: ignore[arg-type]
-    return phases + second_phases(phases[-1].last, grasp, picks[1], settings)  # type: ignore[arg-type]
+    picks = plan_all(grasp, around, start, settings, rng)
+    if len(picks) < count:
+        raise UserError(
+            f"no motion was found that picks {table.objects[len(picks)].prepared.name} with grasp {grasp.merged_id}; "
+            "choose another grasp with --merged-id, or place the objects elsewhere."
+        )
+    phases: list[Phase] = []
+    for number, pick in enumerate(picks):
+        phases += pick_phases(number, phases[-1].last if phases else start, grasp, pick, settings)
+    return phases
 
 
 def waypoints_of(phases: Sequence[Phase], frequency: int) -> Waypoints:

@@ -1,4 +1,4 @@
-"""The scene of a trial: robot at the world's origin, table top at z = 0, a sponge, and two objects on it."""
+"""The scene of a trial: robot at the world's origin, table top at z = 0, a sponge, and objects on it."""
 
 from __future__ import annotations
 
@@ -31,11 +31,32 @@ START_HAND = np.array([0.0, 0.7, 0.0, 0.4] * 3 + [1.0, 0.0, 0.0, 0.0])  # rad. P
 
 @dataclass(frozen=True)
 class Scene:
-    """A built scene with both objects where they were put."""
+    """A built scene with its objects where they were put."""
 
     world: World
     robot: Robot
-    objects: tuple[Body, Body]
+    objects: tuple[Body, ...]  # in the order of picking
+
+
+@dataclass(frozen=True)
+class Post:
+    """A fixed upright box on the sponge for an object to stand on."""
+
+    x: float  # m
+    y: float  # m
+    width: float  # m, square
+    height: float  # m
+
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """Full size, m."""
+        return self.width, self.width, self.height
+
+    def pose(self, settings: EvaluateParameters) -> NDArray[np.float64]:
+        """``T_world_post`` (4, 4) of its centre."""
+        T = _centred(self.x, settings.sponge_height + self.height / 2)
+        T[1, 3] = self.y
+        return T
 
 
 def without_grid(prepared: PreparedObject) -> PreparedObject:
@@ -69,17 +90,19 @@ def _centred(x: float, z: float) -> NDArray[np.float64]:
 
 
 def build_scene(
-    objects: tuple[PreparedObject, PreparedObject],
+    objects: Sequence[PreparedObject],
     settings: EvaluateParameters,
     physics: PhysicsParameters,
-    poses: tuple[NDArray[np.float64], NDArray[np.float64]],
+    poses: Sequence[NDArray[np.float64]],
     others: Sequence[tuple[PreparedObject, NDArray[np.float64]]] = (),
+    posts: Sequence[Post] = (),
 ) -> Scene:
     """Build the physics of one sequence, robot in its start posture; nothing has moved yet.
 
     Args:
-        poses: ``T_world_object`` (4, 4) of the two objects.
+        poses: ``T_world_object`` (4, 4) of the objects.
         others: objects that stand around, with their ``T_world_object``.
+        posts: what stands on the sponge and does not move.
     """
     from pipeline.physics.bodies import add_object, add_support
     from pipeline.physics.robots import add_robot
@@ -92,11 +115,13 @@ def build_scene(
         world, physics, np.array(TABLE_SIZE) / 2, _centred(TABLE_X, -TABLE_SIZE[2] / 2), kinematic=False, name="table"
     )
     add_support(world, physics, sponge / 2, _centred(SPONGE_X, sponge[2] / 2), kinematic=False, name="sponge")
+    for post in posts:
+        add_support(world, physics, np.array(post.size) / 2, post.pose(settings), kinematic=False, name="post")
     bodies = [
         add_object(world, prepared, physics, T, name=f"object{index}")
         for index, (prepared, T) in enumerate([*zip(objects, poses, strict=True), *others])
     ]
-    return Scene(world=world, robot=robot, objects=(bodies[0], bodies[1]))
+    return Scene(world=world, robot=robot, objects=tuple(bodies[: len(objects)]))
 
 
 def support_obstacles(settings: EvaluateParameters, sponge_drop: float) -> list[Obstacle]:
@@ -108,6 +133,14 @@ def support_obstacles(settings: EvaluateParameters, sponge_drop: float) -> list[
         Obstacle("table", (box_shape(TABLE_SIZE),), _centred(TABLE_X, -TABLE_SIZE[2] / 2)),
         Obstacle("sponge", (box_shape([SPONGE_SIZE, SPONGE_SIZE, height]),), _centred(SPONGE_X, height / 2)),
     ]
+
+
+def post_obstacle(post: Post, settings: EvaluateParameters, drop: float) -> Obstacle:
+    """Return a post for the planner, its top lowered by ``drop``, m, so that what stands on it does not touch it."""
+    from pipeline.motion.collisions import Obstacle, box_shape
+
+    lower = replace(post, height=post.height - drop)
+    return Obstacle("post", (box_shape(lower.size),), lower.pose(settings))
 
 
 def object_obstacle(prepared: PreparedObject, name: str) -> Obstacle:

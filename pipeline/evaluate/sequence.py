@@ -1,24 +1,28 @@
 """The sequence as joint targets, one row per control period; trials and exported plans are made of the same phases.
 
-Phases: open, approach, enter, close and lift for the first object; the same for the second; hold.
+Phases: open, approach, enter, close and lift for the first object; the same for every further one; hold.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.evaluate.grasps import TwoObjectGrasp
+from pipeline.evaluate.grasps import SequenceGrasp
 from pipeline.evaluate.moves import Pick, PickTask, plan_pick
-from pipeline.hand.moves import RING_JOINTS
+from pipeline.hand.moves import finger_joints
 from pipeline.records.parameters.evaluate import EvaluateParameters
 
 if TYPE_CHECKING:
     from pipeline.motion.collisions import Obstacle
     from pipeline.motion.timing import Trajectory
+
+ORDINALS = ("first", "second", "third", "fourth")  # objects in the names of phases
+HAND_FINGERS = ("index", "middle", "ring", "thumb")
 
 
 @dataclass(frozen=True)
@@ -85,11 +89,18 @@ class _Script:
         self.written = len(self.rows)
 
 
-def with_ring(hand_q: NDArray[np.float64], ring_q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``hand_q`` (16,) with the ring finger of ``ring_q`` (16,)."""
-    joined = hand_q.copy()
-    joined[RING_JOINTS] = ring_q[RING_JOINTS]
+def with_fingers(
+    hand_q: NDArray[np.float64], fingers: Sequence[str], other_q: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return ``hand_q`` (16,) with some fingers as in ``other_q`` (16,)."""
+    joined, own = hand_q.copy(), finger_joints(fingers)
+    joined[own] = other_q[own]
     return joined
+
+
+def _fingers_from(grasp: SequenceGrasp, pick: int) -> tuple[str, ...]:
+    """Fingers of the objects from number ``pick`` on: those that hold nothing before it is picked."""
+    return tuple(finger for own in grasp.picks[pick:] for finger in own.fingers)
 
 
 def rest_phase(name: str, start: Posture, seconds: float, settings: EvaluateParameters) -> Phase:
@@ -100,41 +111,37 @@ def rest_phase(name: str, start: Posture, seconds: float, settings: EvaluatePara
     return script.phases[0]
 
 
-def first_phases(start: Posture, grasp: TwoObjectGrasp, pick: Pick, settings: EvaluateParameters) -> list[Phase]:
-    """Return the pick of object 0, and the opening of the ring finger after it."""
-    script = _Script(start, settings)
-    script.move_hand(grasp.open_q0, settings.open_seconds)
-    script.end_phase("open first")
+def pick_phases(
+    number: int, start: Posture, grasp: SequenceGrasp, pick: Pick, settings: EvaluateParameters
+) -> list[Phase]:
+    """Return the pick of one object with those before it in the hand.
+
+    Fingers open before the first pick and after every pick but the last, which is followed by the hold.
+    """
+    script, own = _Script(start, settings), grasp.picks[number]
+    ordinal, waiting = ORDINALS[number], _fingers_from(grasp, number + 1)
+    if number == 0:
+        script.move_hand(own.open_q, settings.open_seconds)
+        script.end_phase(f"open {ordinal}")
     script.follow(pick.approach)
-    script.end_phase("approach first")
+    script.end_phase(f"approach {ordinal}")
     script.follow(pick.entry)
     script.rest_for(settings.dwell_seconds)
-    script.end_phase("enter first")
-    script.close_hand(with_ring(grasp.q, grasp.open_q0), with_ring(grasp.squeeze_q, grasp.open_q0))
-    script.end_phase("close first")
+    script.end_phase(f"enter {ordinal}")
+    squeezing = with_fingers(grasp.squeeze_q, waiting, own.open_q)
+    free = _fingers_from(grasp, number) if number else HAND_FINGERS
+    script.close_hand(with_fingers(with_fingers(squeezing, free, grasp.q), waiting, own.open_q), squeezing)
+    script.end_phase(f"close {ordinal}")
     script.follow(pick.lift)
     script.rest_for(settings.dwell_seconds)
-    script.end_phase("lift first")
-    script.move_hand(with_ring(grasp.squeeze_q, grasp.open_q1), settings.open_seconds)
-    script.end_phase("open second")
-    return script.phases
-
-
-def second_phases(start: Posture, grasp: TwoObjectGrasp, pick: Pick, settings: EvaluateParameters) -> list[Phase]:
-    """Return the pick of object 1 with object 0 in the hand, and the hold."""
-    script = _Script(start, settings)
-    script.follow(pick.approach)
-    script.end_phase("approach second")
-    script.follow(pick.entry)
-    script.rest_for(settings.dwell_seconds)
-    script.end_phase("enter second")
-    script.close_hand(with_ring(grasp.squeeze_q, grasp.q), grasp.squeeze_q)
-    script.end_phase("close second")
-    script.follow(pick.lift)
-    script.rest_for(settings.dwell_seconds)
-    script.end_phase("lift second")
-    script.rest_for(settings.hold_seconds)
-    script.end_phase("hold")
+    script.end_phase(f"lift {ordinal}")
+    if waiting:
+        following = grasp.picks[number + 1]
+        script.move_hand(with_fingers(grasp.squeeze_q, waiting, following.open_q), settings.open_seconds)
+        script.end_phase(f"open {ORDINALS[number + 1]}")
+    else:
+        script.rest_for(settings.hold_seconds)
+        script.end_phase("hold")
     return script.phases
 
 
@@ -142,67 +149,72 @@ def second_phases(start: Posture, grasp: TwoObjectGrasp, pick: Pick, settings: E
 class Surroundings:
     """The objects as obstacles where they stand, poses in the world frame, which is the robot's base."""
 
-    first: Obstacle
-    second: Obstacle
+    objects: tuple[Obstacle, ...]  # in the order of picking
     others: tuple[Obstacle, ...] = ()  # nothing is done with these
 
-
-def first_task(
-    grasp: TwoObjectGrasp, around: Surroundings, arm_q: NDArray[np.float64], settings: EvaluateParameters
-) -> PickTask:
-    """Return the pick of object 0 from arm joints (7,)."""
-    return PickTask(
-        arm_q=arm_q,
-        hand_q=grasp.open_q0,
-        closed_q=with_ring(grasp.q, grasp.open_q0),
-        target=around.first,
-        T_hand_target=grasp.T_hand_object0,
-        held=(),
-        others=(around.second, *around.others),
-        direction=around.first.pose[:3, :3] @ grasp.approach_direction0,
-        lengths=(settings.entry_length,),
-        lift_height=settings.first_lift_height,
-    )
+    def moved(self, number: int, pose: NDArray[np.float64]) -> Surroundings:
+        """Return the same with one object elsewhere, ``T_world_object`` (4, 4)."""
+        objects = tuple(item.at(pose) if index == number else item for index, item in enumerate(self.objects))
+        return replace(self, objects=objects)
 
 
-def second_task(
-    grasp: TwoObjectGrasp,
+def pick_task(
+    number: int,
+    grasp: SequenceGrasp,
     around: Surroundings,
     start: Posture,
-    T_hand_object0: NDArray[np.float64],
+    T_hand_held: Sequence[NDArray[np.float64]],
     settings: EvaluateParameters,
 ) -> PickTask:
-    """Return the pick of object 1 with object 0 in the hand.
+    """Return the pick of one object with those before it in the hand.
 
     Args:
-        around: where object 0 stands does not matter any more.
+        around: where the objects in the hand stood does not matter any more.
         start: where the robot's joints are.
+        T_hand_held: ``T_hand_object`` (4, 4) of the objects in the hand.
     """
-    own = grasp.approach_length1
+    own, target = grasp.picks[number], around.objects[number]
+    waiting = _fingers_from(grasp, number + 1)
+    lengths: tuple[float, ...] = (settings.entry_length,)
+    hand_q, closed_q = own.open_q, grasp.q
+    if number:
+        free = _fingers_from(grasp, number)
+        hand_q, closed_q = with_fingers(start.hand, free, own.open_q), with_fingers(start.hand, free, grasp.q)
+    if own.approach_length is not None:
+        full = own.approach_length
+        lengths = (full, *(length for length in settings.shorter_entries if length < full))
+    last = number == len(grasp.picks) - 1
     return PickTask(
         arm_q=start.arm,
-        hand_q=with_ring(start.hand, grasp.open_q1),
-        closed_q=with_ring(start.hand, grasp.q),
-        target=around.second,
-        T_hand_target=grasp.T_hand_object1,
-        held=(around.first.at(T_hand_object0),),
-        others=around.others,
-        direction=around.second.pose[:3, :3] @ grasp.approach_direction1,
-        lengths=(own, *(length for length in settings.shorter_entries if length < own)),
-        lift_height=settings.lift_height,
+        hand_q=hand_q,
+        closed_q=with_fingers(closed_q, waiting, own.open_q),
+        target=target,
+        T_hand_target=own.T_hand_object,
+        held=tuple(item.at(T) for item, T in zip(around.objects[:number], T_hand_held, strict=True)),
+        others=(*around.objects[number + 1 :], *around.others),
+        direction=target.pose[:3, :3] @ own.approach_direction,
+        lengths=lengths,
+        lift_height=settings.lift_height if last else settings.first_lift_height,
     )
 
 
-def plan_both(
-    grasp: TwoObjectGrasp,
+def plan_all(
+    grasp: SequenceGrasp,
     around: Surroundings,
-    arm_q: NDArray[np.float64],
+    start: Posture,
     settings: EvaluateParameters,
     rng: np.random.Generator,
-) -> tuple[Pick | None, Pick | None]:
-    """Plan both picks before anything moves, the second as if the first went perfectly; None for what has no plan."""
-    first = plan_pick(first_task(grasp, around, arm_q, settings), settings, rng)
-    if first is None:
-        return None, None
-    held = Posture(first.lift.positions[-1], grasp.q)
-    return first, plan_pick(second_task(grasp, around, held, grasp.T_hand_object0, settings), settings, rng)
+) -> list[Pick]:
+    """Plan all picks before anything moves, each as if those before it went perfectly.
+
+    The list ends before the first pick that has no plan.
+    """
+    picks: list[Pick] = []
+    for number in range(len(grasp.picks)):
+        held = [own.T_hand_object for own in grasp.picks[:number]]
+        pick = plan_pick(pick_task(number, grasp, around, start, held, settings), settings, rng)
+        if pick is None:
+            break
+        picks.append(pick)
+        start = Posture(pick.lift.positions[-1], grasp.q)
+    return picks

@@ -6,28 +6,23 @@ The result depends on the inputs alone: every trial has its own physics scene an
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pipeline.evaluate.execution import Ended, Run
-from pipeline.evaluate.grasps import TwoObjectGrasp, grasp_orders
+from pipeline.evaluate.grasps import SequenceGrasp, TwoObjectGrasp, grasp_orders
 from pipeline.evaluate.moves import Pick, plan_pick
 from pipeline.evaluate.scene import build_scene, object_obstacle, placed, placement_offsets
-from pipeline.evaluate.sequence import (
-    Posture,
-    Surroundings,
-    first_phases,
-    plan_both,
-    rest_phase,
-    second_phases,
-    second_task,
-)
+from pipeline.evaluate.sequence import ORDINALS, Posture, Surroundings, pick_phases, pick_task, plan_all, rest_phase
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.seeds import item_generator, item_seed
+
+if TYPE_CHECKING:
+    from pipeline.motion.collisions import Obstacle
 
 
 @dataclass(frozen=True)
@@ -44,35 +39,65 @@ class TrialInput:
 
 
 def _choose(
-    inputs: TrialInput, run: Run, around: Surroundings, rng: np.random.Generator
-) -> tuple[TwoObjectGrasp | None, Pick | None, int, str]:
-    """Return the first grasp for which both picks can be planned, its first pick, the attempts made, and a reason.
+    grasps: Sequence[SequenceGrasp], run: Run, around: Surroundings, rng: np.random.Generator
+) -> tuple[SequenceGrasp | None, Pick | None, int, str]:
+    """Return the first grasp for which all picks can be planned, its first pick, the attempts made, and a reason.
 
-    The reason is ``no grasp`` when the pair has none, else the pick that could not be planned for any of them.
+    The reason is ``no grasp`` when there is none, else the latest pick that could not be planned for any of them.
 
-    Planning alone decides, before anything has moved; no grasp is tried in physics here. The second pick is planned
-    as if the first went perfectly, and again later from what is measured.
+    Planning alone decides, before anything has moved; no grasp is tried in physics here. Later picks are planned as if
+    those before went perfectly, and again later from what is measured.
     """
-    reason = "plan first" if inputs.grasps else "no grasp"
-    for attempt, grasp in enumerate(inputs.grasps, start=1):
-        first, second = plan_both(grasp, around, run.posture.arm, inputs.settings, rng)
-        if first is not None and second is not None:
-            return grasp, first, attempt, ""
-        if first is not None:
-            reason = "plan second"
-    return None, None, len(inputs.grasps), reason
+    furthest = 0
+    for attempt, grasp in enumerate(grasps, start=1):
+        picks = plan_all(grasp, around, run.posture, run.settings, rng)
+        if len(picks) == len(grasp.picks):
+            return grasp, picks[0], attempt, ""
+        furthest = max(furthest, len(picks))
+    return None, None, len(grasps), f"plan {ORDINALS[furthest]}" if grasps else "no grasp"
 
 
-def _try(run: Run, grasp: TwoObjectGrasp, pick: Pick, around: Surroundings, rng: np.random.Generator) -> None:
-    """Pick the first object, plan the second pick from what is measured, and pick the second object."""
+def _try(run: Run, grasp: SequenceGrasp, pick: Pick | None, around: Surroundings, rng: np.random.Generator) -> None:
+    """Pick the first object, then plan and pick every further one from what is measured."""
     settings = run.settings
-    run.execute(first_phases(run.posture, grasp, pick, settings))
-    measured = Posture(run.posture.arm, run.scene.robot.q[7:])
-    now = replace(around, second=around.second.at(run.pose(1)))
-    second = plan_pick(second_task(grasp, now, measured, run.held_pose, settings), settings, rng)
-    if second is None:
-        raise Ended("plan second")
-    run.execute(second_phases(run.posture, grasp, second, settings))
+    for number in range(len(grasp.picks)):
+        if number:
+            measured = Posture(run.posture.arm, run.scene.robot.q[7:])
+            now = around.moved(number, run.pose(number))
+            pick = plan_pick(pick_task(number, grasp, now, measured, run.held_poses, settings), settings, rng)
+        if pick is None:
+            raise Ended(f"plan {ORDINALS[number]}")
+        run.execute(pick_phases(number, run.posture, grasp, pick, settings))
+
+
+def carry_out(
+    run: Run,
+    objects: Sequence[PreparedObject],
+    grasps: Sequence[SequenceGrasp],
+    rng: np.random.Generator,
+    others: Sequence[Obstacle] = (),
+) -> tuple[SequenceGrasp | None, int, str]:
+    """Let the objects settle, choose a grasp and carry it out.
+
+    Args:
+        run: objects where they were put, nothing has moved yet.
+        grasps: in the order in which they are tried.
+        others: obstacles besides table, sponge and objects.
+
+    Returns:
+        The grasp (None when none could be planned), planning attempts, and why it ended early, '' on success.
+    """
+    grasp, attempts = None, 0
+    try:
+        run.settle(rest_phase("settle", run.posture, run.settings.settle_seconds, run.settings))
+        obstacles = [object_obstacle(item, f"object{index}").at(run.pose(index)) for index, item in enumerate(objects)]
+        around = Surroundings(tuple(obstacles), tuple(others))
+        grasp, pick, attempts, reason = _choose(grasps, run, around, rng)
+        if grasp is not None:
+            _try(run, grasp, pick, around, rng)
+    except Ended as end:
+        reason = str(end)
+    return grasp, attempts, reason
 
 
 def run_trial(inputs: TrialInput, watch: Callable[[Run], None] | None = None) -> dict[str, Any]:
@@ -91,16 +116,7 @@ def run_trial(inputs: TrialInput, watch: Callable[[Run], None] | None = None) ->
         inputs.objects, inputs.settings, inputs.physics, placed(inputs.objects, inputs.settings, offsets)
     )
     run = Run(scene, inputs.settings, rest=[body.pose for body in scene.objects], watch=watch)
-    obstacles = [object_obstacle(prepared, f"object{index}") for index, prepared in enumerate(inputs.objects)]
-    grasp, attempts = None, 0
-    try:
-        run.settle(rest_phase("settle", run.posture, inputs.settings.settle_seconds, inputs.settings))
-        around = Surroundings(obstacles[0].at(run.pose(0)), obstacles[1].at(run.pose(1)))
-        grasp, pick, attempts, reason = _choose(inputs, run, around, rng)
-        if grasp is not None and pick is not None:
-            _try(run, grasp, pick, around, rng)
-    except Ended as end:
-        reason = str(end)
+    grasp, attempts, reason = carry_out(run, inputs.objects, inputs.grasps, rng)
     return {
         "trial": inputs.trial,
         "source": inputs.source,

@@ -13,16 +13,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import FINGER_JOINTS, FINGER_LINKS, Hand
+from pipeline.hand.allegro import FINGER_LINKS, Hand
 from pipeline.hand.kinematics import link_poses, points_on_links
 from pipeline.hand.moves import finger_joints, move_points
+from pipeline.hand.support import PLANE, Support
 from pipeline.hand.surface import hand_surface, mount_surface
 from pipeline.records.distance import signed_distance
 from pipeline.records.objects import PreparedObject
 from pipeline.records.poses import transform_points
 
 EXTENDED_FINGER = np.array([0.0, -0.1, 0.0, 0.0])  # rad, a straight finger
-EXTENSIONS = (0.4, 0.6, 0.8, 1.0)  # shares of the way to a straight ring finger
+EXTENSIONS = (0.4, 0.6, 0.8, 1.0)  # shares of the way to a straight finger
 HORIZONTAL_TURNS = np.deg2rad([0, 15, -15, 30, -30, 45, -45, 60, -60])
 PINCH_TILTS = (0.0, 0.25, 0.5, 1.0)  # shares of the way from the hand-object line to straight up
 OPENING_SHARES = (1.0, 0.7, 0.4)  # smaller openings are tried when the full one is swept
@@ -32,6 +33,11 @@ FINAL_STRETCH = 0.01  # m before the grasp where palm and resting fingers may be
 HAND_POINTS = 500
 MOUNT_POINTS = 100
 CARRIED_POINTS = 512
+
+
+def straight(fingers: Sequence[str]) -> NDArray[np.float64]:
+    """Return the joints (4 n,), rad, of n straight fingers; the thumb has no such posture."""
+    return np.tile(EXTENDED_FINGER, len(fingers))
 
 
 @dataclass(frozen=True)
@@ -56,25 +62,27 @@ def choose_approach(
     lengths: Sequence[float] = (0.05,),
     carried: Sequence[tuple[PreparedObject, NDArray[np.float64]]] = (),
     tolerance: float = 0.001,
+    support: Support = PLANE,
 ) -> Approach:
     """Return the opening and direction whose sweep touches least; among equals the roomier, then the earlier one.
 
     Args:
-        prepared: the object to be approached; it stands on the plane z = ``prepared.bottom`` of its frame.
+        prepared: the object to be approached; it stands on a support that ends at z = ``prepared.bottom`` of its frame.
         T_object_hand: (4, 4) the grasp.
         q: (16,) joint angles at the grasp; joints of fingers that do not open keep them (for a second object: with
             the fingers that hold the first one already squeezing).
         style: ``pinch`` (the fingers of the contacts open horizontally away from the object's axis; the hand comes
-            along the hand-object line or more from above) or ``side`` (the ring finger opens; the hand comes along
-            that line or horizontally, up to 60 degrees beside it).
+            along the hand-object line or more from above) or ``side`` (the finger opposite the palm opens; the hand
+            comes along that line or horizontally, up to 60 degrees beside it; to an object on a post also from above).
         contact_candidates: (n,) indices into ``hand.contact_points`` of the contacts with this object.
         opening: how far the contact points of the opening fingers move away, m.
         lengths: lengths of the straight line, m; the first one that touches nothing is taken.
         carried: objects that the hand holds already, with their ``T_hand_object`` (4, 4).
         tolerance: depth below which a point does not count as touching, m.
+        support: what the object stands on.
     """
     fingers = sorted({hand.contact_finger[c] for c in contact_candidates} - {"palm"})
-    directions = approach_directions(T_object_hand, style)
+    directions = approach_directions(T_object_hand, style, from_above=support != PLANE)
     openings = open_postures(hand, T_object_hand, q, style, contact_candidates, opening)
     seen: list[NDArray[np.float64]] = []
     rigid = [mount_surface(MOUNT_POINTS)]
@@ -85,7 +93,7 @@ def choose_approach(
             points, is_opening = _sample(hand, open_q, fingers, np.concatenate(rigid))
             points = transform_points(T_object_hand, points)
             for direction in directions:
-                penetrations, clearance = _sweep(prepared, points, is_opening, direction, length, tolerance)
+                penetrations, clearance = _sweep(prepared, support, points, is_opening, direction, length, tolerance)
                 rank = (penetrations, -round(min(clearance, ENOUGH_CLEARANCE), 4))
                 if best is None or rank < best[0]:
                     best = rank, Approach(open_q, direction, float(length), penetrations, clearance)
@@ -97,13 +105,20 @@ def choose_approach(
     return best[1]
 
 
-def approach_directions(T_object_hand: NDArray[np.float64], style: str) -> list[NDArray[np.float64]]:
-    """Return candidate directions (3,), unit, object frame, from the grasp outwards; the preferred one first."""
+def approach_directions(
+    T_object_hand: NDArray[np.float64], style: str, from_above: bool = False
+) -> list[NDArray[np.float64]]:
+    """Return candidate directions (3,), unit, object frame, from the grasp outwards; the preferred one first.
+
+    Args:
+        from_above: a side grasp may come from above as well, as a pinch does.
+    """
     line = T_object_hand[:3, 3] / np.linalg.norm(T_object_hand[:3, 3])
     up = np.array([0.0, 0.0, 1.0])
+    tilted = [(1 - share) * line + share * up for share in PINCH_TILTS]
+    tilted = [direction / np.linalg.norm(direction) for direction in tilted]
     if style == "pinch":
-        tilted = [(1 - share) * line + share * up for share in PINCH_TILTS]
-        return [direction / np.linalg.norm(direction) for direction in tilted]
+        return tilted
     flat = np.array([line[0], line[1], 0.0])
     if np.linalg.norm(flat) < 1e-6:
         return [line]
@@ -112,7 +127,7 @@ def approach_directions(T_object_hand: NDArray[np.float64], style: str) -> list[
         np.array([np.cos(turn) * flat[0] - np.sin(turn) * flat[1], np.sin(turn) * flat[0] + np.cos(turn) * flat[1], 0])
         for turn in HORIZONTAL_TURNS
     ]
-    return [line, *turned]
+    return [line, *turned, *(tilted[1:] if from_above else [])]
 
 
 def open_postures(
@@ -125,7 +140,7 @@ def open_postures(
 ) -> Iterator[NDArray[np.float64]]:
     """Yield candidate joint angles (16,) with the grasping fingers opened; the preferred one first.
 
-    Contact points move horizontally (in the object frame) away from the object's vertical axis; for the ring finger
+    Contact points move horizontally (in the object frame) away from the object's vertical axis; for a side grasp
     postures between the grasp and the straight finger follow.
     """
     movable = contact_candidates[[hand.contact_finger[c] != "palm" for c in contact_candidates]]
@@ -147,10 +162,10 @@ def open_postures(
             finger_joints(fingers),
         )
     if style == "side":
-        ring = list(FINGER_JOINTS["ring"])
+        own = finger_joints(fingers)
         for share in EXTENSIONS:
             extended = q.copy()
-            extended[ring] = (1 - share) * q[ring] + share * EXTENDED_FINGER
+            extended[own] = (1 - share) * q[own] + share * straight(fingers)
             yield extended
 
 
@@ -175,6 +190,7 @@ def _sample(
 
 def _sweep(
     prepared: PreparedObject,
+    support: Support,
     points: NDArray[np.float64],
     is_opening: NDArray[np.bool_],
     direction: NDArray[np.float64],
@@ -185,7 +201,7 @@ def _sweep(
     stations = np.linspace(0.0, length, max(2, round(length / STATION_STEP) + 1))
     ends = points + stations[-1] * direction
     lowest, highest = np.minimum(points, ends), np.maximum(points, ends)
-    touches = np.asarray(lowest[:, 2] < prepared.bottom - tolerance)
+    touches = np.asarray(lowest[:, 2] < support.level(prepared.bottom, lowest, highest) - tolerance)
     low = prepared.vertices.min(0) - ENOUGH_CLEARANCE
     high = prepared.vertices.max(0) + ENOUGH_CLEARANCE
     passing = np.flatnonzero(((highest > low) & (lowest < high)).all(-1))  # whose way may lead through the box

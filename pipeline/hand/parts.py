@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,7 +11,17 @@ from pipeline.hand.allegro import FINGER_LINKS, load_hand
 from pipeline.hand.kinematics import link_poses, points_on_links
 from pipeline.hand.surface import hand_surface
 
-RING_LINKS = ("link_8.0", *FINGER_LINKS["ring"])
+FINGER_BASES = {"index": "link_0.0", "middle": "link_4.0", "ring": "link_8.0", "thumb": "link_12.0"}
+
+
+def part_links(fingers: Sequence[str]) -> tuple[str, ...]:
+    """Return the links of some fingers with the bases that they turn on; the palm does not move and is left out."""
+    return tuple(
+        link for finger in fingers if finger != "palm" for link in (FINGER_BASES[finger], *FINGER_LINKS[finger])
+    )
+
+
+RING_LINKS = part_links(["ring"])
 
 
 def part_points(style: str, q: NDArray[np.float64], count: int = 300) -> NDArray[np.float64]:

@@ -28,7 +28,7 @@ def merge(first: str) -> None:
     workers = read_parameters().compute.workers
     seed, second_objects = parameters["seed"], parameters["styles"].after(first)
 
-    from pipeline.merge.pairs import merge_pairs, ready_pinches, summary
+    from pipeline.merge.pairs import merge_pairs, ready_firsts, summary
     from pipeline.pairing.combination import Pair
     from pipeline.pairing.grasps import SingleGrasp, distinct_grasps, validated_grasps
     from pipeline.pairing.readiness import settling_physics
@@ -47,7 +47,7 @@ def merge(first: str) -> None:
     objects = {name: load_prepared_object(name) for name in dict.fromkeys([first, *second_objects])}
     pairs = {name: Pair(objects[first], objects[name], *checks) for name in seconds}
     generators = {name: item_generator(seed, "merge", first, name) for name in second_objects}
-    ready = ready_pinches(objects[first], settling_physics(*checks), firsts, workers)
+    ready = ready_firsts(objects[first], settling_physics(*checks), firsts, workers)
     tables = merge_pairs(pairs, ready, seconds, generators, workers)
     for second, table in tables.items():
         print(f"{first} then {second}: {summary(table)}")

@@ -7,15 +7,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-Combination = tuple[int, int]  # positions in the two lists of single grasps
+Combination = tuple[int, ...]  # positions in the lists of single grasps, one list per object
 
 
-def random_order(
-    first_count: int, second_count: int, generator: np.random.Generator, most: int | None = None
-) -> list[Combination]:
-    """Return the combinations of two lists, each once, in random order; at most ``most`` of them."""
-    chosen = generator.permutation(first_count * second_count)[:most]
-    return [(int(index) // second_count, int(index) % second_count) for index in chosen]
+def random_order(counts: Sequence[int], generator: np.random.Generator, most: int | None = None) -> list[Combination]:
+    """Return the combinations of lists of these lengths, each once, in random order; at most ``most`` of them."""
+    chosen = generator.permutation(int(np.prod(counts)))[:most]
+    return [tuple(int(index) for index in indices) for indices in np.stack(np.unravel_index(chosen, counts), axis=1)]
 
 
 def next_combinations(
@@ -32,19 +30,19 @@ def next_combinations(
         grasps are used up are in neither, those that must wait for the outcome of the taken ones remain. What lies
         behind the last one taken is not looked at: there may be many.
     """
-    used: tuple[Counter[int], Counter[int]] = Counter(a for a, _ in accepted), Counter(b for _, b in accepted)
-    spent = used[0].copy(), used[1].copy()
+    used = Counter(grasp for combination in accepted for grasp in enumerate(combination))
+    spent = used.copy()
     taken: list[Combination] = []
     waiting: list[Combination] = []
-    for position, (first, second) in enumerate(pending):
+    for position, combination in enumerate(pending):
+        grasps = list(enumerate(combination))
         if len(taken) == count:
             return taken, [*waiting, *pending[position:]]
-        if spent[0][first] >= most_per_grasp or spent[1][second] >= most_per_grasp:
+        if any(spent[grasp] >= most_per_grasp for grasp in grasps):
             continue
-        if used[0][first] < most_per_grasp and used[1][second] < most_per_grasp:
-            taken.append((first, second))
-            used[0][first] += 1
-            used[1][second] += 1
+        if all(used[grasp] < most_per_grasp for grasp in grasps):
+            taken.append(combination)
+            used.update(grasps)
         else:
-            waiting.append((first, second))
+            waiting.append(combination)
     return taken, waiting

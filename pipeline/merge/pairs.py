@@ -15,7 +15,7 @@ from pipeline.compute.shared import Shared
 from pipeline.merge.draws import Combination, next_combinations, random_order
 from pipeline.pairing.combination import Pair, try_combination
 from pipeline.pairing.grasps import SingleGrasp
-from pipeline.pairing.readiness import ReadyPinch, ready_pinch
+from pipeline.pairing.readiness import ReadyFirst, ready_first
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.physics import PhysicsParameters
@@ -26,16 +26,16 @@ STORE = 20  # combinations in store for each that may be tried: those whose gras
 SPARE = 4  # combinations tried at once beyond those still wanted: some will be rejected
 
 
-def ready_pinches(
+def ready_firsts(
     object0: PreparedObject, physics: PhysicsParameters | None, grasps: Sequence[SingleGrasp], workers: int
-) -> list[ReadyPinch]:
-    """Return every pinch grasp with what can be said of it alone; see :func:`ready_pinch`."""
+) -> list[ReadyFirst]:
+    """Return every pinch grasp with what can be said of it alone; see :func:`ready_first`."""
     with Shared((object0, physics)) as shared:
         return fan_out(partial(_ready, shared), grasps, workers, f"settle {object0.name}")
 
 
-def _ready(shared: Shared[tuple[PreparedObject, PhysicsParameters | None]], grasp: SingleGrasp) -> ReadyPinch:
-    return ready_pinch(*shared.value, grasp)
+def _ready(shared: Shared[tuple[PreparedObject, PhysicsParameters | None]], grasp: SingleGrasp) -> ReadyFirst:
+    return ready_first(*shared.value, grasp)
 
 
 @dataclass
@@ -67,13 +67,13 @@ class _Search:
 @dataclass(frozen=True)
 class _Inputs:
     pairs: Mapping[str, Pair]
-    firsts: Sequence[ReadyPinch]
+    firsts: Sequence[ReadyFirst]
     seconds: Mapping[str, Sequence[SingleGrasp]]
 
 
 def merge_pairs(
     pairs: Mapping[str, Pair],
-    firsts: Sequence[ReadyPinch],
+    firsts: Sequence[ReadyFirst],
     seconds: Mapping[str, Sequence[SingleGrasp]],
     generators: Mapping[str, np.random.Generator],
     workers: int,
@@ -91,21 +91,21 @@ def merge_pairs(
     searches = {}
     for name, pair in pairs.items():
         store = STORE * pair.merge.most_combinations
-        order = random_order(len(firsts), len(seconds[name]), generators[name], store)
+        order = random_order((len(firsts), len(seconds[name])), generators[name], store)
         searches[name] = _Search(pair.merge, order, [], [])
     with Shared(_Inputs(pairs, firsts, seconds)) as shared:
-        while tasks := [(name, *taken) for name, search in searches.items() for taken in search.take()]:
+        while tasks := [(name, taken) for name, search in searches.items() for taken in search.take()]:
             accepted = sum(len(search.accepted) for search in searches.values())
             wanted = sum(pair.merge.grasps_per_pair for pair in pairs.values())
             label = f"{next(iter(pairs.values())).object0.name}: {accepted} of {wanted}"
             rows = fan_out(partial(_try, shared), tasks, workers, label)
-            for (name, *combination), row in zip(tasks, rows, strict=True):
-                searches[name].record((combination[0], combination[1]), row)
+            for (name, combination), row in zip(tasks, rows, strict=True):
+                searches[name].record(combination, row)
     return {name: pd.DataFrame(search.rows, columns=MERGED.names, dtype=object) for name, search in searches.items()}
 
 
-def _try(shared: Shared[_Inputs], task: tuple[str, int, int]) -> dict[str, Any]:
-    name, first, second = task
+def _try(shared: Shared[_Inputs], task: tuple[str, Combination]) -> dict[str, Any]:
+    name, (first, second) = task
     inputs = shared.value
     return try_combination(inputs.pairs[name], inputs.firsts[first], inputs.seconds[name][second])
 

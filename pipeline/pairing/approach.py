@@ -1,7 +1,7 @@
-"""Where the ring finger stays while the pinching fingers work, and how the hand comes to the second object.
+"""Where fingers wait while others work, and how the hand comes to the objects after the first.
 
-The straight lines and openings themselves are chosen by ``pipeline.hand.approach``; here the fingers that the other
-object occupies are looked after.
+The straight lines and openings themselves are chosen by ``pipeline.hand.approach``; here the fingers that other objects
+occupy, or will occupy, are looked after.
 """
 
 from __future__ import annotations
@@ -13,37 +13,45 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.hand.allegro import load_hand
-from pipeline.hand.approach import EXTENDED_FINGER, Approach, choose_approach
-from pipeline.hand.moves import RING_JOINTS
-from pipeline.hand.parts import RING_LINKS
-from pipeline.pairing.clearance import hand_object_clearance, links_of, posed_hand, self_clearance, support_height
-from pipeline.pairing.grasps import MergedGrasp, SingleGrasp
+from pipeline.hand.approach import Approach, choose_approach, straight
+from pipeline.hand.moves import finger_joints
+from pipeline.hand.parts import part_links
+from pipeline.hand.support import PLANE, Support
+from pipeline.pairing.clearance import finger_clearance, hand_object_clearance, links_of, posed_hand, support_height
+from pipeline.pairing.grasps import PAIR_GROUPS, JoinedGrasp, SingleGrasp, fingers_of
 from pipeline.records.distance import signed_distance
 from pipeline.records.objects import PreparedObject
 from pipeline.records.poses import inverse_pose, transform_points
 
-EXTENSION_SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the way from the first grasp's ring finger to the straight one
-PATH_SHARES = (0.25, 0.5, 0.75, 1.0)  # where the opening of the ring finger is looked at
+EXTENSION_SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the way from the first grasp's waiting fingers to straight ones
+PATH_SHARES = (0.25, 0.5, 0.75, 1.0)  # where the opening of fingers is looked at
 FIRST_LINE = np.arange(0.0, 0.0501, 0.005)  # m, stations on the straight way to object 0, from its pre-grasp at 5 cm
-ENOUGH = 0.005  # m; a ring finger farther from everything than this is out of the way
+ENOUGH = 0.005  # m; a waiting finger farther from everything than this is out of the way
 
 
-def first_opening(first: SingleGrasp, object0: PreparedObject) -> tuple[NDArray[np.float64], float]:
+def first_opening(
+    first: SingleGrasp,
+    object0: PreparedObject,
+    waiting: Sequence[str] = fingers_of(PAIR_GROUPS[1:]),
+    support: Support = PLANE,
+) -> tuple[NDArray[np.float64], float]:
     """Choose the hand's posture for the approach to object 0.
 
-    Pinching fingers as validation opened them; the ring finger straight where object 0 and the support allow it, else
+    Its own fingers as validation opened them; waiting fingers straight where object 0 and the support allow it, else
     less so, else as in the validated grasp.
 
     Returns:
-        Joint angles (16,), and the ring finger's smallest signed distance, m, to object 0 (along the way in and after
-        closing), to the support plane of object 0 and to the other fingers.
+        Joint angles (16,), and the waiting fingers' smallest signed distance, m, to object 0 (along the way in and
+        after closing), to the support of object 0 and to the other fingers.
     """
+    joints = finger_joints(waiting)
     best: tuple[float, NDArray[np.float64]] | None = None
     for share in EXTENSION_SHARES:
-        ring = share * EXTENDED_FINGER + (1 - share) * first.q[RING_JOINTS]
+        apart = share * straight(waiting) + (1 - share) * first.q[joints]
         open_q, closed_q = first.open_q.copy(), first.q.copy()
-        open_q[RING_JOINTS] = closed_q[RING_JOINTS] = ring
-        clearance = min(_clearance_on_first_way(first, open_q, object0), self_clearance(posed_hand(closed_q)))
+        open_q[joints] = closed_q[joints] = apart
+        on_the_way = _clearance_on_first_way(first, open_q, object0, waiting, support)
+        clearance = min(on_the_way, finger_clearance(posed_hand(closed_q), waiting))
         if best is None or clearance > best[0]:
             best = clearance, open_q
         if clearance >= ENOUGH:
@@ -52,69 +60,91 @@ def first_opening(first: SingleGrasp, object0: PreparedObject) -> tuple[NDArray[
     return best[1], best[0]
 
 
-def _clearance_on_first_way(first: SingleGrasp, open_q: NDArray[np.float64], object0: PreparedObject) -> float:
-    links = links_of(load_hand(), RING_LINKS)
+def _clearance_on_first_way(
+    first: SingleGrasp,
+    open_q: NDArray[np.float64],
+    object0: PreparedObject,
+    waiting: Sequence[str],
+    support: Support,
+) -> float:
+    links = links_of(load_hand(), part_links(waiting))
     posed = posed_hand(open_q)
     points = transform_points(first.T_object_hand, posed.points_on(links))
-    swept = points[None] + FIRST_LINE[:, None, None] * first.approach_direction
+    swept = (points[None] + FIRST_LINE[:, None, None] * first.approach_direction).reshape(-1, 3)
     return min(
         float(signed_distance(object0, swept).min()),
-        float(swept[..., 2].min() - object0.bottom),
+        float((swept[:, 2] - support.level(object0.bottom, swept)).min()),
         hand_object_clearance(posed, links, object0, inverse_pose(first.T_object_hand)),
-        self_clearance(posed),
+        finger_clearance(posed, waiting),
     )
 
 
-def second_approach(
-    grasp: MergedGrasp,
-    object0: PreparedObject,
-    object1: PreparedObject,
+def later_approach(
+    grasp: JoinedGrasp,
+    pick: int,
+    objects: Sequence[PreparedObject],
     opening: float,
     lengths: Sequence[float],
     tolerance: float,
+    support: Support = PLANE,
 ) -> Approach:
-    """Choose the opening of the ring finger and the straight line to object 1, with object 0 in the squeezing fingers.
+    """Choose the opening of the fingers and the straight line to an object after the first, with the others in hand.
 
-    The ``open_q`` of the result holds targets: pinching fingers squeeze.
+    The ``open_q`` of the result holds targets: fingers that hold squeeze; fingers that wait are straight.
 
     Args:
-        opening: first choice of how far the ring's contact points move away, m.
+        pick: number of the object.
+        opening: first choice of how far the contact points of its fingers move away, m.
         lengths: m, candidates for the length of the line; the first one that touches nothing is taken.
         tolerance: m, depth below which nothing counts as touching.
+        support: what the object stands on.
     """
+    single = grasp.singles[pick]
     approach = choose_approach(
         load_hand(),
-        object1,
-        grasp.second.T_object_hand,
-        grasp.held_q,
-        "side",
-        grasp.second.contact_candidates,
+        objects[pick],
+        single.T_object_hand,
+        grasp.posture(pick),
+        "side" if "palm" in single.fingers else "pinch",
+        single.contact_candidates,
         opening,
         lengths,
-        carried=[(object0, grasp.T_hand_held0)],
+        carried=list(zip(objects[:pick], grasp.T_hand_held[:pick], strict=True)),
         tolerance=tolerance,
+        support=support,
     )
     targets = grasp.squeeze_q.copy()
-    targets[RING_JOINTS] = approach.open_q[RING_JOINTS]
+    free = finger_joints(fingers_of(grasp.groups[pick:]))
+    targets[free] = approach.open_q[free]
     return replace(approach, open_q=targets)
 
 
-def ring_motion_clearance(
-    grasp: MergedGrasp, open_q: NDArray[np.float64], object0: PreparedObject, object1: PreparedObject
+def motion_clearance(
+    grasp: JoinedGrasp,
+    pick: int,
+    open_q: NDArray[np.float64],
+    objects: Sequence[PreparedObject],
+    support: Support = PLANE,
 ) -> float:
-    """Return the ring finger's smallest signed distance, m, while it closes from ``open_q`` (16,) to the grasp.
+    """Return the smallest signed distance, m, of the fingers of an object after the first, while they close on it.
 
-    To object 0, to the support plane of object 1 and to the other fingers; object 1 itself is what it closes on.
+    They move from ``open_q`` (16,) to the grasp; to the objects held already, to what their own stands on and to the
+    other fingers; their own object is what they close on. Waiting fingers count with them.
     """
-    links = links_of(load_hand(), RING_LINKS)
+    moving = fingers_of(grasp.groups[pick:])
+    links, own = links_of(load_hand(), part_links(moving)), finger_joints(moving)
+    T_object_hand = grasp.singles[pick].T_object_hand
     clearances = []
     for share in PATH_SHARES:
-        q = grasp.held_q.copy()
-        q[RING_JOINTS] += share * (open_q[RING_JOINTS] - q[RING_JOINTS])
+        q = grasp.posture(pick)
+        q[own] += share * (open_q[own] - q[own])
         posed = posed_hand(q)
         clearances += [
-            hand_object_clearance(posed, links, object0, grasp.T_hand_held0),
-            support_height(posed, grasp.second.T_object_hand, object1.bottom, links),
-            self_clearance(posed),
+            hand_object_clearance(posed, links, held, T_hand_held)
+            for held, T_hand_held in zip(objects[:pick], grasp.T_hand_held[:pick], strict=True)
+        ]
+        clearances += [
+            support_height(posed, T_object_hand, objects[pick].bottom, links, support),
+            finger_clearance(posed, moving),
         ]
     return min(clearances)

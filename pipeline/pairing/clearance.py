@@ -1,18 +1,20 @@
-"""Static distances of a merged grasp: between the objects, and of hand and objects to what they must not touch."""
+"""Static distances of a joined grasp: between the objects, and of hand and objects to what they must not touch."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.hand.allegro import FINGER_LINKS, Hand, load_hand
 from pipeline.hand.kinematics import link_poses, points_on_links
-from pipeline.hand.parts import RING_LINKS
+from pipeline.hand.parts import part_links
+from pipeline.hand.support import PLANE, Support
 from pipeline.hand.surface import hand_surface, mount_surface
-from pipeline.pairing.grasps import MergedGrasp
+from pipeline.pairing.grasps import JoinedGrasp, fingers_of
 from pipeline.records.distance import signed_distance
 from pipeline.records.objects import PreparedObject
 from pipeline.records.poses import inverse_pose, transform_points
@@ -91,12 +93,15 @@ def distance_to_links(
     return best
 
 
-def object_clearance(grasp: MergedGrasp, object0: PreparedObject, object1: PreparedObject) -> float:
-    """Return the smallest signed distance between the two objects, m: surface points of each to the other."""
-    T_0_1 = inverse_pose(grasp.T_hand_held0) @ grasp.T_hand_object1
-    points1_in_0 = transform_points(T_0_1, object1.surface_points)
-    points0_in_1 = transform_points(inverse_pose(T_0_1), object0.surface_points)
-    return float(min(signed_distance(object0, points1_in_0).min(), signed_distance(object1, points0_in_1).min()))
+def object_clearance(grasp: JoinedGrasp, objects: Sequence[PreparedObject]) -> float:
+    """Return the smallest signed distance between two of the objects, m: surface points of each to the other."""
+    distances = []
+    for (first, T_hand_first), (second, T_hand_second) in combinations(zip(objects, grasp.T_hand_held, strict=True), 2):
+        T_first_second = inverse_pose(T_hand_first) @ T_hand_second
+        of_second = transform_points(T_first_second, second.surface_points)
+        of_first = transform_points(inverse_pose(T_first_second), first.surface_points)
+        distances += [signed_distance(first, of_second).min(), signed_distance(second, of_first).min()]
+    return float(min(distances))
 
 
 def hand_object_clearance(
@@ -113,7 +118,7 @@ def hand_object_clearance(
     return distance_to_links(posed.T_hand_link, links, transform_points(T_hand_object, item.surface_points), in_object)
 
 
-def hand_clearance(grasp: MergedGrasp, posed: PosedHand, object0: PreparedObject, object1: PreparedObject) -> float:
+def hand_clearance(grasp: JoinedGrasp, posed: PosedHand, objects: Sequence[PreparedObject]) -> float:
     """Return the smallest signed distance, m, of an object to links that do not hold it, the thumb's base included.
 
     The bases of the other fingers are left out where the palm holds: they lie in its plane. :func:`base_clearance`
@@ -124,52 +129,73 @@ def hand_clearance(grasp: MergedGrasp, posed: PosedHand, object0: PreparedObject
     """
     hand = load_hand()
     everything = np.arange(len(hand.link_names))
-    bases = links_of(hand, PALM_SIDE_BASES)
-    not_first = np.setdiff1d(everything, holding_links(hand, grasp.first.fingers))
-    not_second = np.setdiff1d(everything, np.concatenate([holding_links(hand, grasp.second.fingers), bases]))
+    distances = []
+    for single, item, T_hand_object in zip(grasp.singles, objects, grasp.T_hand_held, strict=True):
+        allowed = holding_links(hand, single.fingers)
+        if "palm" in single.fingers:
+            allowed = np.concatenate([allowed, links_of(hand, PALM_SIDE_BASES)])
+        distances.append(hand_object_clearance(posed, np.setdiff1d(everything, allowed), item, T_hand_object))
+    return min(distances)
+
+
+def base_clearance(grasp: JoinedGrasp, posed: PosedHand, objects: Sequence[PreparedObject]) -> float:
+    """Return the smallest signed distance, m, of the objects that the palm holds to the finger bases beside it."""
+    bases = links_of(load_hand(), PALM_SIDE_BASES)
     return min(
-        hand_object_clearance(posed, not_first, object0, grasp.T_hand_held0),
-        hand_object_clearance(posed, not_second, object1, grasp.T_hand_object1),
+        hand_object_clearance(posed, bases, item, T_hand_object) if "palm" in single.fingers else FAR
+        for single, item, T_hand_object in zip(grasp.singles, objects, grasp.T_hand_held, strict=True)
     )
 
 
-def base_clearance(grasp: MergedGrasp, posed: PosedHand, object1: PreparedObject) -> float:
-    """Return the smallest signed distance, m, of object 1 to the finger bases beside the palm."""
-    return hand_object_clearance(posed, links_of(load_hand(), PALM_SIDE_BASES), object1, grasp.T_hand_object1)
+def finger_clearance(posed: PosedHand, fingers: Sequence[str]) -> float:
+    """Return the smallest signed distance, m, between some fingers and all others.
 
-
-def self_clearance(posed: PosedHand) -> float:
-    """Return the smallest signed distance, m, between the ring finger and the other fingers.
-
-    The other pairs of links stand as in a validated grasp; only the ring finger has got new neighbours.
+    The other pairs of links stand as in a validated grasp; only these fingers have got new neighbours.
     """
     hand = load_hand()
-    ring = links_of(hand, RING_LINKS)
-    others = np.setdiff1d(np.arange(1, len(hand.link_names)), ring)
-    to_others = distance_to_links(posed.T_hand_link, others, posed.points_on(ring))
-    return distance_to_links(posed.T_hand_link, ring, posed.points_on(others), to_others)
+    own = links_of(hand, part_links(fingers))
+    others = np.setdiff1d(np.arange(1, len(hand.link_names)), own)
+    to_others = distance_to_links(posed.T_hand_link, others, posed.points_on(own))
+    return distance_to_links(posed.T_hand_link, own, posed.points_on(others), to_others)
 
 
-def mount_height(grasp: MergedGrasp, object1: PreparedObject) -> float:
-    """Return the height, m, of flange and mount over the plane that object 1 stands on, with the hand at its grasp."""
-    points = transform_points(grasp.second.T_object_hand, mount_surface())
-    return float(points[:, 2].min() - object1.bottom)
+def self_clearance(grasp: JoinedGrasp, posed: PosedHand) -> float:
+    """Return the smallest signed distance, m, between fingers that come from different grasps."""
+    return min(finger_clearance(posed, fingers_of([group])) for group in grasp.groups[1:])
+
+
+def mount_height(T_object_hand: NDArray[np.float64], item: PreparedObject, support: Support = PLANE) -> float:
+    """Return the height, m, of flange and mount over what the object stands on, with the hand at its grasp."""
+    return _height(transform_points(T_object_hand, mount_surface()), item.bottom, support)
 
 
 def support_height(
-    posed: PosedHand, T_object_hand: NDArray[np.float64], support: float, links: NDArray[np.int64] | None = None
+    posed: PosedHand,
+    T_object_hand: NDArray[np.float64],
+    top: float,
+    links: NDArray[np.int64] | None = None,
+    support: Support = PLANE,
 ) -> float:
-    """Return the height, m, of the lowest surface point of a hand over the plane z = ``support``.
+    """Return the height, m, of the lowest surface point of a hand over a support that ends at z = ``top``.
 
     Args:
-        T_object_hand: the hand in the frame of the object that stands on the plane.
+        T_object_hand: the hand in the frame of the object that stands on the support.
         links: consider only these.
     """
     points = posed.samples if links is None else posed.points_on(links)
-    return float(transform_points(T_object_hand, points)[:, 2].min() - support)
+    return _height(transform_points(T_object_hand, points), top, support)
 
 
-def held_object_height(grasp: MergedGrasp, object0: PreparedObject, object1: PreparedObject) -> float:
-    """Return the height, m, of the held object 0 over the plane that object 1 stands on."""
-    points = transform_points(grasp.second.T_object_hand @ grasp.T_hand_held0, object0.surface_points)
-    return float(points[:, 2].min() - object1.bottom)
+def held_object_height(
+    grasp: JoinedGrasp, pick: int, objects: Sequence[PreparedObject], support: Support = PLANE
+) -> float:
+    """Return the height, m, of the objects held already over what object number ``pick`` stands on."""
+    T_object_hand, bottom = grasp.singles[pick].T_object_hand, objects[pick].bottom
+    return min(
+        _height(transform_points(T_object_hand @ T_hand_held, held.surface_points), bottom, support)
+        for held, T_hand_held in zip(objects[:pick], grasp.T_hand_held[:pick], strict=True)
+    )
+
+
+def _height(points: NDArray[np.float64], top: float, support: Support) -> float:
+    return float((points[:, 2] - support.level(top, points)).min())

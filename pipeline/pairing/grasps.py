@@ -1,14 +1,16 @@
-"""Single grasps as they come from validation, and the joining of two of them into one hand."""
+"""Single grasps as they come from validation, and the joining of several of them into one hand."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.hand.moves import RING_JOINTS
+from pipeline.hand.approach import straight
+from pipeline.hand.moves import finger_joints
 from pipeline.hand.parts import part_points
 from pipeline.records.poses import inverse_pose, pose_matrix, transform_points
 
@@ -27,18 +29,38 @@ class SingleGrasp:
     approach_direction: NDArray[np.float64]  # (3,) object frame, unit, towards where the hand comes from
 
 
-@dataclass(frozen=True)
-class MergedGrasp:
-    """One hand around two objects: ``first`` is pinched, ``second`` is held by ring and palm."""
+# Which parts of the hand belong to which object of a pair, in the order of picking. Fingers belong to one object; the
+# palm may press on several.
+Groups = tuple[tuple[str, ...], ...]
+PAIR_GROUPS: Groups = (("thumb", "index", "middle"), ("ring", "palm"))
 
-    first: SingleGrasp
-    second: SingleGrasp
+
+@dataclass(frozen=True)
+class JoinedGrasp:
+    """One hand around its objects, which are in the order of picking; two of them are the usual case."""
+
+    singles: tuple[SingleGrasp, ...]
+    groups: Groups  # per object the parts of the hand that belong to it; its grasp may use less
     q: NDArray[np.float64]  # (16,)
     squeeze_q: NDArray[np.float64]  # (16,)
-    T_hand_object0: NDArray[np.float64]  # (4, 4)
-    T_hand_object1: NDArray[np.float64]  # (4, 4)
-    held_q: NDArray[np.float64]  # (16,) like q, but the pinching fingers as they are once they squeeze
-    T_hand_held0: NDArray[np.float64]  # (4, 4) of object 0 then; see pipeline.physics.settling
+    T_hand_object: tuple[NDArray[np.float64], ...]  # (4, 4) each
+    held_q: NDArray[np.float64]  # (16,) like q, but the fingers of all but the last as they are once they squeeze
+    T_hand_held: tuple[NDArray[np.float64], ...]  # (4, 4) of the objects then; see pipeline.physics.settling
+
+    def waiting(self, pick: int) -> tuple[str, ...]:
+        """Return the fingers that belong to the objects picked after number ``pick``."""
+        return fingers_of(self.groups[pick + 1 :])
+
+    def posture(self, pick: int) -> NDArray[np.float64]:
+        """Return joints (16,), rad, when number ``pick`` was just grasped: as held, but waiting fingers straight."""
+        q = self.held_q.copy()
+        q[finger_joints(self.waiting(pick))] = straight(self.waiting(pick))
+        return q
+
+
+def fingers_of(groups: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """Return the fingers of some groups, the palm left out."""
+    return tuple(finger for group in groups for finger in group if finger != "palm")
 
 
 def validated_grasps(table: pd.DataFrame) -> list[SingleGrasp]:
@@ -82,30 +104,23 @@ def distinct_grasps(grasps: list[SingleGrasp], distance: float) -> list[SingleGr
     return [grasps[index] for index in kept]
 
 
-def join(first: SingleGrasp, second: SingleGrasp) -> MergedGrasp:
-    """Join two grasps: thumb, index and middle as in ``first``, ring as in ``second``, each object where its grasp
-    has it. Object 0 is taken to stay where it is when it is squeezed.
+def join(singles: Sequence[SingleGrasp], groups: Groups = PAIR_GROUPS) -> JoinedGrasp:
+    """Join grasps: the fingers of each group as in its grasp, all others as in the first one, each object where its
+    grasp has it. Objects are taken to stay where they are when they are squeezed.
     """
-    T_hand_object0 = inverse_pose(first.T_object_hand)
-    q, squeeze_q = first.q.copy(), first.squeeze_q.copy()
-    q[RING_JOINTS] = second.q[RING_JOINTS]
-    squeeze_q[RING_JOINTS] = second.squeeze_q[RING_JOINTS]
-    return MergedGrasp(
-        first=first,
-        second=second,
-        q=q,
-        squeeze_q=squeeze_q,
-        T_hand_object0=T_hand_object0,
-        T_hand_object1=inverse_pose(second.T_object_hand),
-        held_q=q,
-        T_hand_held0=T_hand_object0,
-    )
+    T_hand_object = tuple(inverse_pose(single.T_object_hand) for single in singles)
+    q, squeeze_q = singles[0].q.copy(), singles[0].squeeze_q.copy()
+    for single, group in zip(singles[1:], groups[1:], strict=True):
+        own = finger_joints(group)
+        q[own] = single.q[own]
+        squeeze_q[own] = single.squeeze_q[own]
+    return JoinedGrasp(tuple(singles), groups, q, squeeze_q, T_hand_object, q, T_hand_object)
 
 
-def fingers_are_disjoint(first: SingleGrasp, second: SingleGrasp) -> bool:
-    """Whether ``first`` uses only thumb, index and middle, at least two of them, and ``second`` only ring and palm."""
-    return (
-        set(first.fingers) <= {"thumb", "index", "middle"}
-        and len(set(first.fingers)) >= 2
-        and set(second.fingers) == {"ring", "palm"}
+def fingers_fit(singles: Sequence[SingleGrasp], groups: Groups) -> bool:
+    """Whether every grasp uses parts of its group alone, at least two of them, and no finger is in two groups."""
+    fingers = fingers_of(groups)
+    return len(set(fingers)) == len(fingers) and all(
+        set(single.fingers) <= set(group) and len(set(single.fingers)) >= 2
+        for single, group in zip(singles, groups, strict=True)
     )

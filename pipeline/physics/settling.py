@@ -1,15 +1,17 @@
-"""The pinched object in the squeezing fingers: it settles some millimetres away from the synthesized grasp.
+"""The first object in the squeezing fingers: it settles some millimetres away from the synthesized grasp.
 
 The hand comes to the second object in this state, so merge takes distances and sweeps in it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.approach import EXTENDED_FINGER
-from pipeline.hand.moves import RING_JOINTS
+from pipeline.hand.approach import straight
+from pipeline.hand.moves import finger_joints
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
 
@@ -18,27 +20,30 @@ DWELL_SECONDS = 0.3
 RAMP_STEPS = 25
 
 
-def settle_pinch(
+def settle_grasp(
     prepared: PreparedObject,
     T_hand_object: NDArray[np.float64],
     q: NDArray[np.float64],
     squeeze_q: NDArray[np.float64],
     settings: PhysicsParameters,
+    waiting: Sequence[str] = ("ring",),
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return joint angles (16,) and ``T_hand_object`` (4, 4) as physics leaves them after a gentle squeeze.
 
-    Without gravity, whose direction changes on the way, and without a second object; the ring finger is straight.
+    Without gravity, whose direction changes on the way, and without another object; waiting fingers are straight.
 
     Args:
         T_hand_object: (4, 4) in the synthesized grasp.
         q, squeeze_q: (16,) joints of the grasp, and drive targets that press its contacts together, rad.
+        waiting: fingers that will pick other objects later.
     """
     from pipeline.physics.bodies import add_object
     from pipeline.physics.robots import add_robot
     from pipeline.physics.world import make_world
 
     start, target = q.copy(), squeeze_q.copy()
-    start[RING_JOINTS] = target[RING_JOINTS] = EXTENDED_FINGER  # away from the object
+    joints = finger_joints(waiting)
+    start[joints] = target[joints] = straight(waiting)  # away from the object
     world = make_world(settings, np.zeros(3))
     robot = add_robot(world, settings, False, np.eye(4), start)
     body = add_object(world, prepared, settings, T_hand_object)

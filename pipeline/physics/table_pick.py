@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.hand.support import PLANE, Support
 from pipeline.physics.bodies import Body, add_object, add_support
 from pipeline.physics.contacts import pressing_links
 from pipeline.physics.holding import WATCH_STEPS, rotation_angle
@@ -74,6 +75,7 @@ def pick_from_support(
     direction: NDArray[np.float64],
     length: float,
     assigned_links: tuple[str, ...],
+    stand: Support = PLANE,
 ) -> TablePick:
     """Run the tabletop test.
 
@@ -82,13 +84,15 @@ def pick_from_support(
         q, squeeze_q, open_q: (16,) joint angles at the grasp, drive targets of the squeeze, and for the approach, rad.
         direction: (3,) unit, object frame, from the grasp towards where the hand comes from.
         length: of the approach, m.
+        stand: what the object stands on.
     """
     settings = limits.for_floating_hand(settings)
     world = make_world(settings)
     robot = add_robot(world, settings, False, T_object_hand, open_q)
     away = -length * direction
-    support_home = np.array([0.0, 0.0, prepared.bottom - SUPPORT_HALF[2]])
-    support = add_support(world, settings, SUPPORT_HALF, _at(support_home + away))
+    half = SUPPORT_HALF if stand == PLANE else np.array([stand.half_width, stand.half_width, stand.height / 2])
+    support_home = np.array([0.0, 0.0, prepared.bottom - half[2]])
+    support = add_support(world, settings, half, _at(support_home + away))
     body = add_object(world, prepared, settings, _at(away))
     rig = _Rig(world, robot, support, body, limits.contact_impulse)
 

@@ -153,6 +153,52 @@ TRIALS = pa.schema(
     ]
 )
 
+# More than two objects: the same columns, with lists over the objects in the order of picking. One row per tried
+# combination.
+JOINED = pa.schema(
+    [
+        ("merged_id", pa.int32()),
+        ("objects", pa.list_(pa.string())),
+        ("fingers", pa.list_(pa.string())),  # who holds each, such as thumb+index
+        ("grasp_ids", pa.list_(pa.int32())),
+        ("q", _vector(16)),
+        ("squeeze_q", _vector(16)),
+        ("positions_hand_object", pa.list_(_vector(3))),
+        ("quaternions_hand_object", pa.list_(_vector(4))),
+        # As far as the checks were reached, likewise the next three.
+        ("open_q", pa.list_(_vector(16))),
+        ("approach_directions", pa.list_(_vector(3))),
+        ("approach_lengths", pa.list_(pa.float64())),  # of all but the first
+        ("sweep_penetrations", pa.list_(pa.int32())),  # of all but the first
+        ("object_clearance", pa.float64()),
+        ("hand_clearance", pa.float64()),
+        ("mount_clearance", pa.float64()),
+        ("gravity_drift", pa.list_(pa.float64())),
+        ("rejected_by", pa.string()),
+    ]
+)
+
+# One row per robot trial with them.
+JOINED_TRIALS = pa.schema(
+    [
+        ("trial", pa.int32()),
+        ("objects", pa.list_(pa.string())),
+        ("merged_id", pa.int32()),
+        ("seed", pa.int64()),
+        ("offsets", pa.list_(_vector(3))),  # perturbation of the placement: x, y (m) and yaw (rad) per object
+        ("phase", pa.string()),
+        ("success", pa.bool_()),  # all >= 20 cm above rest for 2 s
+        ("success_10cm", pa.bool_()),
+        ("reason", pa.string()),
+        ("heights", pa.list_(pa.float64())),
+        ("planning_attempts", pa.int32()),
+        ("steps", pa.int32()),
+        ("snapshot_phases", pa.list_(pa.string())),
+        ("snapshot_robot_q", pa.list_(_vector(23))),
+        ("snapshot_poses", pa.list_(pa.list_(_vector(7)))),  # per object, per snapshot
+    ]
+)
+
 
 def write_table(target: Path, rows: pd.DataFrame, schema: pa.Schema) -> None:
     """Write ``rows`` with exactly the columns and types of ``schema``; the same rows give the same bytes."""

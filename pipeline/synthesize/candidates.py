@@ -30,6 +30,7 @@ class Request:
     energy: EnergyParameters
     optimizer: OptimizerParameters
     settings: StyleParameters
+    waiting: tuple[str, ...] = ()  # fingers that are straight, as they pick other objects later
 
 
 @dataclass(frozen=True)
@@ -69,8 +70,8 @@ def first_states(
     starts = [(chain, *([start] if start else [])) for chain in block.chains for start in range(settings.starts)]
     generators = [item_generator(request.run_seed, *identity, *start) for start in starts]
     seeds = np.array([item_seed(request.run_seed, *identity, *start) & 0x7FFFFFFF for start in starts])
-    first = draw_seeds(scene, hand, request.style, settings, slots, generators)
-    return first, slots, free_joints(request.style, settings), seeds
+    first = draw_seeds(scene, hand, request.style, settings, slots, generators, request.waiting)
+    return first, slots, free_joints(request.style, settings, request.waiting), seeds
 
 
 def run_block(block: Block) -> tuple[Grasps, Terms]:

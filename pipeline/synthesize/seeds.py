@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pipeline.energy.keep_out import fingers_used
 from pipeline.energy.scene import EnergyScene, Grasps
 from pipeline.hand.allegro import Hand
+from pipeline.hand.approach import straight
 from pipeline.hand.moves import finger_joints
 from pipeline.records.parameters.synthesize import StyleParameters
 
@@ -35,15 +37,38 @@ RELEASED_POSTURE = {
     "side": np.array([0, -0.196, 0, 0.4, 0, 0.7, 0, 0.4, 0.021, 1.395, 1.05, 0.797, 0.263, 0, 0, 0]),
 }
 HELD_SPREAD = 0.1  # rad, spread of joints that stay where they are drawn
-HELD_FINGERS = {"pinch": ("ring",), "side": ("thumb", "index", "middle")}
+HELD_FINGERS = {"pinch": ("ring",), "side": ("thumb", "index", "middle", "ring")}  # unless the style uses them
 
 
-def free_joints(style: str, settings: StyleParameters) -> NDArray[np.bool_]:
-    """Return (16,) joints that synthesis may move; the others belong to the other object of a pair."""
+def free_joints(style: str, settings: StyleParameters, waiting: Sequence[str] = ()) -> NDArray[np.bool_]:
+    """Return (16,) joints that synthesis may move; the others belong to the other objects in the hand.
+
+    Args:
+        waiting: fingers that will pick other objects later.
+    """
     free = np.ones(16, dtype=bool)
     if not settings.released_seeds:
-        free[finger_joints(HELD_FINGERS[style])] = False
+        free[finger_joints(sorted({*HELD_FINGERS[style]} - {*fingers_used(settings.finger_sets)}))] = False
+        free[finger_joints(waiting)] = False
     return free
+
+
+def mean_posture(style: str, settings: StyleParameters, waiting: Sequence[str] = ()) -> NDArray[np.float64]:
+    """Return the joints (16,), rad, about which first hands are drawn.
+
+    The finger of a side grasp is curled as the ring finger is in a side grasp with it.
+
+    Args:
+        waiting: fingers that are straight meanwhile, as they pick other objects later.
+    """
+    if settings.released_seeds:
+        return RELEASED_POSTURE[style]
+    posture = (PINCH_POSTURE if style == "pinch" else SIDE_POSTURE).copy()
+    if style == "side":
+        for finger in set(fingers_used(settings.finger_sets)) - {"palm"}:
+            posture[finger_joints([finger])] = SIDE_POSTURE[finger_joints(["ring"])]
+    posture[finger_joints(waiting)] = straight(waiting)
+    return posture
 
 
 def perturbed_columns(R: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
@@ -78,7 +103,12 @@ def _truncated_normal(
 
 
 def draw_seed(
-    hand: Hand, style: str, settings: StyleParameters, slots: Sequence[NDArray[np.float64]], rng: np.random.Generator
+    hand: Hand,
+    style: str,
+    settings: StyleParameters,
+    slots: Sequence[NDArray[np.float64]],
+    rng: np.random.Generator,
+    waiting: Sequence[str] = (),
 ) -> Grasps:
     """Return one draw (a batch of 1) of the first state of a chain."""
     u = rng.random(3)
@@ -92,13 +122,11 @@ def draw_seed(
     if settings.released_seeds:
         position = -R[:, 0] * rng.uniform(*settings.distance_from_palm)
         R = perturbed_columns(R, rng)
-        mean = RELEASED_POSTURE[style]
     else:
         R = R @ Rotation.from_rotvec(ROTATION_NOISE * rng.normal(size=3)).as_matrix()
         position = -R[:, 0] * rng.uniform(*settings.distance_from_palm)
-        mean = PINCH_POSTURE if style == "pinch" else SIDE_POSTURE
-    sigma = np.where(free_joints(style, settings), JITTER * (hand.upper - hand.lower), HELD_SPREAD)
-    q = _truncated_normal(rng, mean, sigma, hand)
+    sigma = np.where(free_joints(style, settings, waiting), JITTER * (hand.upper - hand.lower), HELD_SPREAD)
+    q = _truncated_normal(rng, mean_posture(style, settings, waiting), sigma, hand)
     contacts: list[int] = []
     for slot in slots:
         chances = slot.copy()
@@ -129,18 +157,19 @@ def draw_seeds(
     settings: StyleParameters,
     slots: Sequence[NDArray[np.float64]],
     generators: Sequence[np.random.Generator],
+    waiting: Sequence[str] = (),
 ) -> Grasps:
     """Return the first states of several chains, each from its own generator, free of collisions where possible.
 
     With ``released_seeds`` it is the first draw, whatever it collides with.
     """
     if settings.released_seeds:
-        return join([draw_seed(hand, style, settings, slots, generator) for generator in generators])
+        return join([draw_seed(hand, style, settings, slots, generator, waiting) for generator in generators])
     best: list[Grasps | None] = [None] * len(generators)
     least = np.full(len(generators), np.inf)
     open_chains = list(range(len(generators)))
     for _ in range(ATTEMPTS):
-        draws = [draw_seed(hand, style, settings, slots, generators[int(chain)]) for chain in open_chains]
+        draws = [draw_seed(hand, style, settings, slots, generators[int(chain)], waiting) for chain in open_chains]
         terms, _ = scene.evaluate(join(draws))
         overlap = terms.penetration + terms.table + terms.self_penetration
         for chain, draw, value in zip(open_chains, draws, overlap, strict=True):

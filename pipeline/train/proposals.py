@@ -14,7 +14,7 @@ from pipeline.compute.fan_out import fan_out
 from pipeline.compute.shared import Shared
 from pipeline.hand.allegro import load_hand
 from pipeline.pairing.combination import Pair, try_combination
-from pipeline.pairing.readiness import ready_pinch, settling_physics
+from pipeline.pairing.readiness import ready_first, settling_physics
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
 from pipeline.records.parameters.train import SamplingParameters
 from pipeline.records.poses import pose_matrix
@@ -109,7 +109,7 @@ def check_sample(pair: Pair, scored: Scored, index: int) -> dict[str, Any]:
     first, second = single_grasps(
         load_hand(), objects, grasps.T_hand_object[index], grasps.q[index], scored.contacts, index, pair.validate
     )
-    ready = ready_pinch(pair.object0, settling_physics(pair.merge, pair.physics, pair.validate), first)
+    ready = ready_first(pair.object0, settling_physics(pair.merge, pair.physics, pair.validate), first)
     return try_combination(pair, ready, second)
 
 

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from pipeline.hand.allegro import FINGER_LINKS, load_hand
 from pipeline.hand.approach import choose_approach
 from pipeline.hand.moves import squeeze_joints
+from pipeline.hand.support import PLANE, Support
 from pipeline.physics.holding import HeldGrasp, HeldObject, Holding, hold_in_gravities
-from pipeline.physics.settling import settle_pinch
+from pipeline.physics.settling import settle_grasp
 from pipeline.physics.table_pick import pick_from_support
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
@@ -30,6 +31,7 @@ class Candidate:
     q: NDArray[np.float64]  # (16,)
     contact_candidates: NDArray[np.int64]  # (n,)
     contact_normals: NDArray[np.float64]  # (n, 3) object frame, outward from the object
+    support: Support = PLANE  # what the object stands on
 
 
 def assigned_links(fingers: tuple[str, ...]) -> tuple[str, ...]:
@@ -96,6 +98,7 @@ def check_candidate(
         candidate.contact_candidates,
         limits.pinch_opening if candidate.style == "pinch" else limits.side_opening,
         lengths=[limits.approach_length],
+        support=candidate.support,
     )
     columns |= {"open_q": approach.open_q, "approach_direction": approach.direction}
     if approach.penetrations > 0:
@@ -113,6 +116,7 @@ def check_candidate(
         approach.direction,
         approach.length,
         grasp.objects[0].assigned_links,
+        candidate.support,
     )
     failure = pick.failure(limits)
     columns |= {"table_approach_push": pick.push, "table_drift": pick.drift}
@@ -120,7 +124,7 @@ def check_candidate(
     if candidate.style == "side" or (columns["rejected_by"] and limits.early_rejection):
         return columns
     T_hand_object = grasp.objects[0].T_hand_object
-    _, settled = settle_pinch(prepared, T_hand_object, candidate.q, squeeze_q, limits.for_floating_hand(settings))
+    _, settled = settle_grasp(prepared, T_hand_object, candidate.q, squeeze_q, limits.for_floating_hand(settings))
     columns["settling_drift"] = float(np.linalg.norm((settled - T_hand_object)[:3, 3]))
     if not columns["settling_drift"] <= limits.drift_limit:  # also when physics lost it and it is not a number
         columns["rejected_by"] = columns["rejected_by"] or "settling"

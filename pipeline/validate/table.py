@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.compute.fan_out import fan_out
+from pipeline.hand.support import PLANE, Support
 from pipeline.physics.holding import Holding
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
@@ -21,8 +22,8 @@ from pipeline.validate.grasp_test import Candidate, check_candidate, held_grasp
 NOT_TESTED = "not_tested"
 
 
-def candidate_of(row: dict[str, Any]) -> Candidate:
-    """Return one row of the candidates' table as arrays."""
+def candidate_of(row: dict[str, Any], support: Support = PLANE) -> Candidate:
+    """Return one row of the candidates' table as arrays; ``support`` is what the object stands on."""
     return Candidate(
         style=row["style"],
         fingers=tuple(row["fingers"].split("+")),
@@ -30,6 +31,7 @@ def candidate_of(row: dict[str, Any]) -> Candidate:
         q=np.asarray(row["q"], np.float64),
         contact_candidates=np.asarray(row["contact_candidates"], np.int64),
         contact_normals=np.stack(list(row["contact_normals"])).astype(np.float64),
+        support=support,
     )
 
 
@@ -40,17 +42,21 @@ def validate_table(
     limits: ValidateParameters,
     workers: int,
     label: str,
+    support: Support = PLANE,
 ) -> pd.DataFrame:
     """Return all rows in order of ``grasp_id`` with the columns of physics.
 
     Rows that the synthesis rejected keep their reason; of the others the first ``limits.most_candidates`` are tested
     and the rest are marked ``not_tested``.
+
+    Args:
+        support: what the object stands on.
     """
     rows = candidates.sort_values("grasp_id", kind="stable").reset_index(drop=True)
     passed = [index for index in rows.index if rows.at[index, "rejected_by"] == ""]
     tested, left = passed[: limits.most_candidates], passed[limits.most_candidates :]
     work = partial(_check, prepared=prepared, settings=settings, limits=limits)
-    items = [candidate_of(rows.loc[index].to_dict()) for index in tested]
+    items = [candidate_of(rows.loc[index].to_dict(), support) for index in tested]
     tasks = list(zip(items, _gravities_elsewhere(prepared, items, settings, limits), strict=True))
     results = dict(zip(tested, fan_out(work, tasks, workers, label), strict=True))
     rejected_by = rows["rejected_by"].tolist()

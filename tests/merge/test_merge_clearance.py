@@ -11,6 +11,7 @@ from pipeline.hand.moves import RING_JOINTS
 from pipeline.hand.surface import T_LINK7_HAND
 from pipeline.pairing.clearance import (
     distance_to_links,
+    finger_clearance,
     hand_clearance,
     held_object_height,
     holding_links,
@@ -35,14 +36,17 @@ def at(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np.ndarray:
 
 
 def merged(**changes):
-    return replace(join(pinch(), side()), **changes)
+    """The constructed grasp; ``held0``, ``held1`` replace the pose of an object in the hand."""
+    grasp = join([pinch(), side()])
+    held = tuple(changes.pop(f"held{index}", T) for index, T in enumerate(grasp.T_hand_held))
+    return replace(grasp, T_hand_held=held, **changes)
 
 
 @pytest.mark.parametrize("gap", [0.013, 0.002, -0.004])
 def test_object_clearance_of_two_boxes_is_their_gap(gap: float) -> None:
     side_length = float(box().extents[0])
-    grasp = merged(T_hand_held0=at(), T_hand_object1=at(x=side_length + gap))
-    assert object_clearance(grasp, box(), box()) == pytest.approx(gap, abs=2e-4)
+    grasp = merged(held0=at(), held1=at(x=side_length + gap))
+    assert object_clearance(grasp, [box(), box()]) == pytest.approx(gap, abs=2e-4)
 
 
 def test_distance_to_links_is_exact_for_boxes_and_balls() -> None:
@@ -91,44 +95,43 @@ def test_holding_links_do_not_include_finger_bases() -> None:
 
 def test_constructed_merge_is_clear() -> None:
     grasp = merged()
-    assert object_clearance(grasp, box(), cylinder()) > 0.01
-    assert hand_clearance(grasp, posed_hand(grasp.q), box(), cylinder()) > 0
-    assert self_clearance(posed_hand(grasp.q)) > 0.01
+    assert object_clearance(grasp, [box(), cylinder()]) > 0.01
+    assert hand_clearance(grasp, posed_hand(grasp.q), [box(), cylinder()]) > 0
+    assert self_clearance(grasp, posed_hand(grasp.q)) > 0.01
 
 
 def test_object_1_in_the_thumb_base_is_seen() -> None:
     thumb_base = HAND.link("link_12.0")
     box_of_base = int(np.flatnonzero(HAND.box_link == thumb_base)[0])
     centre = link_poses(HAND, pinch().q[None])[0, thumb_base] @ HAND.box_pose[box_of_base]
-    grasp = merged(T_hand_object1=at(*centre[:3, 3]))
+    grasp = merged(held1=at(*centre[:3, 3]))
     # A box of 42 mm around the centre of a link of 35.8 x 34 x 45.5 mm: the surface of each lies in the other.
-    assert hand_clearance(grasp, posed_hand(grasp.held_q), box(), box()) < -0.005
+    assert hand_clearance(grasp, posed_hand(grasp.held_q), [box(), box()]) < -0.005
 
 
 def test_object_0_in_the_ring_finger_is_seen() -> None:
     tip = link_poses(HAND, side().q[None])[0, HAND.link("link_11.0_tip"), :3, 3]
-    grasp = merged(T_hand_held0=at(*tip))
-    assert hand_clearance(grasp, posed_hand(grasp.held_q), box(), cylinder()) < -0.01
+    grasp = merged(held0=at(*tip))
+    assert hand_clearance(grasp, posed_hand(grasp.held_q), [box(), cylinder()]) < -0.01
 
 
 def test_crossed_ring_and_middle_fingers_are_seen() -> None:
     q = np.zeros(16)
     q[12] = HAND.lower[12]
     q[[5, 9]] = 1.2  # bent forward, so that the first joint moves the finger sideways
-    assert self_clearance(posed_hand(q)) > 0.005
+    assert finger_clearance(posed_hand(q), ["ring"]) > 0.005
     q[[4, 8]] = -0.47, 0.47  # towards each other
-    assert self_clearance(posed_hand(q)) < -0.001
+    assert finger_clearance(posed_hand(q), ["ring"]) < -0.001
 
 
 def test_heights_follow_the_hand_and_the_plane() -> None:
-    grasp = merged()
-    low = mount_height(grasp, cylinder())
-    T = grasp.second.T_object_hand.copy()
+    low = mount_height(side().T_object_hand, cylinder())
+    T = side().T_object_hand.copy()
     T[2, 3] += 0.05
-    assert mount_height(merged(second=replace(grasp.second, T_object_hand=T)), cylinder()) == pytest.approx(low + 0.05)
+    assert mount_height(T, cylinder()) == pytest.approx(low + 0.05)
     # Hand y is up: the mount's box is 34 mm thick there at most, its lowest corner is found from its own description.
     flange_axis = transform_points(inverse_pose(T_LINK7_HAND), np.array([[0.0, 0.0, 0.107]]))[0]
-    over_plane = transform_points(grasp.second.T_object_hand, flange_axis[None])[0, 2] - cylinder().bottom
+    over_plane = transform_points(side().T_object_hand, flange_axis[None])[0, 2] - cylinder().bottom
     assert 0.02 < over_plane - low < 0.10  # the flange reaches 2 to 10 cm below its own axis
 
 
@@ -147,12 +150,12 @@ def test_support_height_is_that_of_the_lowest_link() -> None:
 
 
 def test_held_object_height_is_measured_over_the_second_objects_plane() -> None:
-    grasp = merged(T_hand_held0=join(pinch(), side()).T_hand_object1)  # object 0 where object 1 is
-    assert held_object_height(grasp, cylinder(), cylinder()) == pytest.approx(0.0, abs=1e-9)
+    grasp = merged(held0=merged().T_hand_object[1])  # object 0 where object 1 is
+    assert held_object_height(grasp, 1, [cylinder(), cylinder()]) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_moving_the_ring_changes_only_what_it_should() -> None:
     grasp = merged()
     q = grasp.q.copy()
     q[RING_JOINTS] = 0.0
-    assert object_clearance(replace(grasp, q=q), box(), cylinder()) == object_clearance(grasp, box(), cylinder())
+    assert object_clearance(replace(grasp, q=q), [box(), cylinder()]) == object_clearance(grasp, [box(), cylinder()])

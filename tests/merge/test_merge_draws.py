@@ -10,12 +10,12 @@ from pipeline.merge.draws import next_combinations, random_order
 
 
 def test_random_order_holds_every_combination_once() -> None:
-    order = random_order(5, 7, np.random.default_rng(0))
+    order = random_order((5, 7), np.random.default_rng(0))
     assert sorted(order) == [(a, b) for a in range(5) for b in range(7)]
     assert order != sorted(order)
-    assert order == random_order(5, 7, np.random.default_rng(0))
-    assert random_order(0, 7, np.random.default_rng(0)) == []
-    assert random_order(5, 7, np.random.default_rng(0), 6) == order[:6]
+    assert order == random_order((5, 7), np.random.default_rng(0))
+    assert random_order((0, 7), np.random.default_rng(0)) == []
+    assert random_order((5, 7), np.random.default_rng(0), 6) == order[:6]
 
 
 @given(
@@ -30,7 +30,7 @@ def test_no_grasp_is_used_too_often_and_nothing_is_tried_twice(
     firsts: int, seconds: int, most: int, count: int, seed: int, pass_share: float
 ) -> None:
     generator = np.random.default_rng(seed)
-    pending = random_order(firsts, seconds, generator)
+    pending = random_order((firsts, seconds), generator)
     accepted: list[tuple[int, int]] = []
     tried: list[tuple[int, int]] = []
     while True:

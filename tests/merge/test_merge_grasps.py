@@ -5,19 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.pairing.grasps import distinct_grasps, fingers_are_disjoint, join
+from pipeline.hand.approach import EXTENDED_FINGER
+from pipeline.pairing.grasps import PAIR_GROUPS, distinct_grasps, fingers_fit, join
 from tests.merge.constructed import pinch, side
 
 
 def test_join_takes_the_ring_from_the_second_grasp_and_everything_else_from_the_first() -> None:
     first = replace(pinch(), q=np.arange(16.0), squeeze_q=np.arange(16.0) + 100)
     second = replace(side(), q=-np.arange(16.0), squeeze_q=-np.arange(16.0) - 100)
-    merged = join(first, second)
+    merged = join([first, second])
     assert merged.q.tolist() == [0, 1, 2, 3, 4, 5, 6, 7, -8, -9, -10, -11, 12, 13, 14, 15]
     expected = [100, 101, 102, 103, 104, 105, 106, 107, -108, -109, -110, -111, 112, 113, 114, 115]
     assert merged.squeeze_q.tolist() == expected
-    np.testing.assert_allclose(merged.T_hand_object0 @ first.T_object_hand, np.eye(4), atol=1e-12)
-    np.testing.assert_allclose(merged.T_hand_object1 @ second.T_object_hand, np.eye(4), atol=1e-12)
+    np.testing.assert_allclose(merged.T_hand_object[0] @ first.T_object_hand, np.eye(4), atol=1e-12)
+    np.testing.assert_allclose(merged.T_hand_object[1] @ second.T_object_hand, np.eye(4), atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -32,8 +33,27 @@ def test_join_takes_the_ring_from_the_second_grasp_and_everything_else_from_the_
         (("thumb", "index"), ("ring", "palm", "middle"), False),
     ],
 )
-def test_fingers_are_disjoint(first: tuple[str, ...], second: tuple[str, ...], disjoint: bool) -> None:
-    assert fingers_are_disjoint(replace(pinch(), fingers=first), replace(side(), fingers=second)) is disjoint
+def test_fingers_of_a_pair_are_those_of_its_groups(
+    first: tuple[str, ...], second: tuple[str, ...], disjoint: bool
+) -> None:
+    assert fingers_fit([replace(pinch(), fingers=first), replace(side(), fingers=second)], PAIR_GROUPS) is disjoint
+
+
+def test_the_palm_may_hold_several_objects_but_a_finger_only_one() -> None:
+    middle = replace(side(), fingers=("middle", "palm"))
+    groups = (("thumb", "index"), ("middle", "palm"), ("ring", "palm"))
+    assert fingers_fit([pinch(), middle, side()], groups)
+    assert not fingers_fit([pinch(), side(), side()], (("thumb", "index"), ("ring", "palm"), ("ring", "palm")))
+    assert not fingers_fit([replace(pinch(), fingers=("thumb", "middle")), middle, side()], groups)
+
+
+def test_join_of_three_takes_from_each_the_fingers_of_its_group() -> None:
+    singles = [replace(single, q=np.full(16, float(value))) for value, single in enumerate((pinch(), side(), side()))]
+    joined = join(singles, (("thumb", "index"), ("middle", "palm"), ("ring", "palm")))
+    assert joined.q.tolist() == [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 0, 0, 0, 0]
+    assert joined.waiting(0) == ("middle", "ring") and joined.waiting(1) == ("ring",) and joined.waiting(2) == ()
+    np.testing.assert_array_equal(joined.posture(1)[8:12], EXTENDED_FINGER)
+    np.testing.assert_array_equal(joined.posture(2), joined.held_q)
 
 
 def test_near_repetitions_of_a_grasp_are_dropped() -> None:

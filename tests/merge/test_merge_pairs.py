@@ -11,10 +11,10 @@ import pytest
 from pipeline.hand.allegro import load_hand
 from pipeline.hand.kinematics import link_poses
 from pipeline.hand.parts import RING_LINKS
-from pipeline.merge.pairs import merge_pairs, ready_pinches, summary
+from pipeline.merge.pairs import merge_pairs, ready_firsts, summary
 from pipeline.pairing.combination import Pair, try_combination
 from pipeline.pairing.grasps import distinct_grasps
-from pipeline.pairing.readiness import ready_pinch, settling_physics
+from pipeline.pairing.readiness import ready_first, settling_physics
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
@@ -60,7 +60,7 @@ def with_mount_low():
     ],
 )
 def test_fate_of_a_combination(first, second, fate: str) -> None:
-    row = try_combination(pair(), ready_pinch(box(), PhysicsParameters(), first), second)
+    row = try_combination(pair(), ready_first(box(), PhysicsParameters(), first), second)
     assert row["rejected_by"] == fate
     assert set(row) == set(MERGED.names)
     if fate == "":
@@ -81,7 +81,7 @@ def all_merged(workers: int, seconds: dict, **settings) -> dict[str, pd.DataFram
     pairs = {name: pair(**settings) for name in seconds}
     physics = PhysicsParameters() if settings["physics_test"] else None
     generators = {name: np.random.default_rng(4 + len(name)) for name in seconds}
-    return merge_pairs(pairs, ready_pinches(box(), physics, firsts, workers), seconds, generators, workers)
+    return merge_pairs(pairs, ready_firsts(box(), physics, firsts, workers), seconds, generators, workers)
 
 
 def merged(workers: int, **settings) -> pd.DataFrame:
@@ -145,7 +145,7 @@ def test_merged_grasps_are_distinct() -> None:
     seconds = distinct_grasps([shifted(side(), index) for index in range(7)], 0.003)
     settings = {"grasps_per_pair": 9, "most_per_grasp": 3, "clearance": -1.0, "penetration_tolerance": 1.0}
     chosen = pair(**settings, mount_clearance=-1.0, physics_test=False)
-    ready = ready_pinches(box(), None, firsts, 1)
+    ready = ready_firsts(box(), None, firsts, 1)
     table = merge_pairs({"can": chosen}, ready, {"can": seconds}, {"can": np.random.default_rng(0)}, 1)["can"]
     assert (table.rejected_by == "").all() and len(table) == 9
     of_id = [{single.grasp_id: hand_around_object(single) for single in singles} for singles in (firsts, seconds)]

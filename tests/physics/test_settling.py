@@ -7,7 +7,7 @@ from pipeline.hand.allegro import load_hand
 from pipeline.hand.approach import EXTENDED_FINGER
 from pipeline.hand.moves import RING_JOINTS
 from pipeline.pairing.clearance import hand_object_clearance, holding_links, posed_hand
-from pipeline.physics.settling import settle_pinch
+from pipeline.physics.settling import settle_grasp
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.poses import inverse_pose
 from tests.merge.constructed import box, pinch
@@ -16,7 +16,7 @@ SETTINGS = PhysicsParameters()
 
 
 def settled(squeeze_q: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    return settle_pinch(box(), inverse_pose(pinch().T_object_hand), pinch().q, squeeze_q, SETTINGS)
+    return settle_grasp(box(), inverse_pose(pinch().T_object_hand), pinch().q, squeeze_q, SETTINGS)
 
 
 def test_squeezed_box_stays_between_the_tips() -> None:

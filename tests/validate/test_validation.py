@@ -121,7 +121,7 @@ def test_an_object_that_slides_out_of_a_gentle_squeeze_is_rejected(monkeypatch, 
         T[0, 3] += slide
         return q, T
 
-    monkeypatch.setattr("pipeline.validate.grasp_test.settle_pinch", slid)
+    monkeypatch.setattr("pipeline.validate.grasp_test.settle_grasp", slid)
     columns = check_candidate(prepared, candidate, SETTINGS, ValidateParameters(gravity_directions=["-z"]))
     assert columns["rejected_by"] == "settling"
     np.testing.assert_allclose(columns["settling_drift"], slide)
