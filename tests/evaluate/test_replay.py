@@ -50,6 +50,7 @@ def evaluated(tmp_path_factory, repository: Path, objects, grasp_row) -> Path:
         values = yaml.safe_load((repository / "params.yaml").read_text())
         values["styles"] = {"pinch": ["cube"], "side": ["slender_cylinder"]}
         values["evaluate"]["trials"] = 2
+        values["harder"] |= {"pairs": [], "trials": 1, "settings": {}}
         values["compute"]["workers"] = 1
         Path("params.yaml").write_text(yaml.safe_dump(values))
         for prepared in objects:
