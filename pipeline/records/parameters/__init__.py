@@ -111,9 +111,7 @@ class Parameters(Section):
     def _harder_settings_agree(self) -> Parameters:
         for first, second in self.harder.pairs:
             if first not in self.styles.pinch or second not in self.styles.side:
-                raise ValueError(
-                    f"harder.pairs: {first} then {second} is no pair of styles.pinch and styles.side; remove it there"
-                )
+                raise ValueError(f"harder.pairs: {first} then {second} is no pair of styles.pinch and styles.side")
         if self.harder.settings and self.harder.trials > self.evaluate.trials:
             raise ValueError(f"harder.trials must not exceed evaluate.trials ({self.evaluate.trials})")
         for name, setting in self.harder.settings.items():
