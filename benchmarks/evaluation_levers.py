@@ -1,0 +1,168 @@
+"""What each way to make trials succeed is worth: the same pairs, numbers and seeds, one thing changed at a time.
+
+    python benchmarks/evaluation_levers.py --pairs 16 --trials 6 [--setting friction_0_6] [--levers standard ...]
+
+Needs ``data/prepare`` and ``data/merge`` of a run; writes ``reports/evaluation_levers.csv`` (with ``--setting``: in
+that harder setting, ``reports/evaluation_levers_<setting>.csv``) and prints it. The first levers take away what the
+standard trials have; the last choose other grasps of the same table, by figures that `merge` left there and by no
+outcome of a trial. lost, gained: trials that succeed only without, only with the change.
+
+Each finished lever leaves its rows in ``--folder``; the same command goes on after it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np  # noqa: E402
+import pandas as pd  # noqa: E402
+
+import pipeline  # noqa: E402, F401  (sets the thread counts before numpy is imported)
+from pipeline.compute.fan_out import fan_out  # noqa: E402
+from pipeline.evaluate.grasps import accepted_grasps  # noqa: E402
+from pipeline.evaluate.scene import without_grid  # noqa: E402
+from pipeline.evaluate.trial import run_trial, trial_inputs  # noqa: E402
+from pipeline.records import paths  # noqa: E402
+from pipeline.records.objects import load_prepared_object  # noqa: E402
+from pipeline.records.parameters import Parameters, read_parameters  # noqa: E402
+from pipeline.records.parameters.harder import overridden  # noqa: E402
+from pipeline.records.tables import MERGED, read_table  # noqa: E402
+
+KEPT = 25  # grasps of a pair that a choice keeps, as many as the paper's trials
+
+
+def least_drift(grasps: pd.DataFrame) -> pd.Series:
+    """Return how far an object moved in the hand in the worst of six gravities, m."""
+    return grasps["gravity_drift"].map(np.max)
+
+
+def largest_clearance(grasps: pd.DataFrame) -> pd.Series:
+    """Return the smaller of both clearances, negative, m: the largest comes first."""
+    return -grasps[["object_clearance", "hand_clearance"]].min(axis=1)
+
+
+@dataclass(frozen=True)
+class Lever:
+    """One change of the standard trials."""
+
+    evaluate: dict[str, Any] = field(default_factory=dict)
+    physics: dict[str, Any] = field(default_factory=dict)
+    choose: Callable[[pd.DataFrame], pd.Series] | None = None  # the grasps with the smallest values are tried
+
+
+LEVERS = {
+    "standard": Lever(),
+    "one_attempt_at_planning": Lever(evaluate={"planning_attempts": 1}),
+    "no_planning_margin": Lever(evaluate={"planning_margin": 0.0}),
+    "own_entry_length_only": Lever(evaluate={"shorter_entries": []}),
+    "no_rest_before_lifting": Lever(evaluate={"dwell_seconds": 0.0}),
+    "fingers_close_in_0_3_s": Lever(evaluate={"close_seconds": 0.3}),
+    "torque_of_the_simulator": Lever(physics={"hand_torque_limit": 50.0}),
+    "least_drift": Lever(choose=least_drift),
+    "largest_clearance": Lever(choose=largest_clearance),
+}
+
+
+def trials_of(lever: Lever, pair: tuple[str, str], parameters: Parameters, trials: int, setting: str) -> list[Any]:
+    """Return the inputs of the trials of one pair."""
+    harder = parameters.harder.settings[setting] if setting else None
+    evaluate = {**(harder.evaluate if harder else {}), **lever.evaluate, "trials": trials}
+    physics = {**(harder.physics if harder else {}), **lever.physics}
+    table = read_table(paths.merged_file(*pair), MERGED, f"merge@{pair[0]}")
+    passed = table[table["rejected_by"] == ""]
+    if lever.choose:
+        passed = passed.loc[lever.choose(passed).sort_values(kind="stable").index[:KEPT]]
+    first, second = (without_grid(load_prepared_object(name)) for name in pair)
+    return trial_inputs(
+        "synthesized",
+        (first, second),
+        accepted_grasps(passed),
+        overridden(parameters.evaluate, evaluate),
+        overridden(parameters.physics, physics),
+        parameters.seed,
+    )
+
+
+def spread(parameters: Parameters, count: int) -> list[tuple[str, str]]:
+    """Return ``count`` pairs: those of ``harder.pairs`` first, then all others in order."""
+    every = [(first, second) for first in parameters.styles.pinch for second in parameters.styles.side]
+    return list(dict.fromkeys([*parameters.harder.pairs, *every]))[:count]
+
+
+def summary(outcomes: dict[str, pd.DataFrame]) -> pd.DataFrame:
+    """Return a row per lever: success, what is lost and gained against ``standard``, reasons, cost."""
+    standard = outcomes.get("standard")
+    rows = []
+    for name, own in outcomes.items():
+        failed = own[~own["success"]]["reason"].value_counts()
+        per_pair = own.groupby(["object0", "object1"])["success"].mean()
+        row = {
+            "lever": name,
+            "trials": len(own),
+            "success_rate_mean": per_pair.mean(),
+            "success_rate_min_pair": per_pair.min(),
+            "lost": (standard["success"] & ~own["success"]).sum() if standard is not None else None,
+            "gained": (~standard["success"] & own["success"]).sum() if standard is not None else None,
+            "reasons": "; ".join(f"{reason} {count}" for reason, count in failed.items()),
+            "cpu_seconds_per_trial": own["seconds"].mean(),
+        }
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _timed_trial(inputs: Any) -> dict[str, Any]:
+    begin = time.process_time()
+    row = run_trial(inputs)
+    kept = {name: row[name] for name in ("object0", "object1", "trial", "merged_id", "success", "reason")}
+    return kept | {"seconds": time.process_time() - begin}
+
+
+def main() -> None:
+    """Try, count, write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--pairs", type=int, default=16, help="those of harder.pairs first (default: %(default)s)")
+    parser.add_argument("--trials", type=int, default=6, help="per pair and lever (default: %(default)s)")
+    parser.add_argument("--setting", default="", help="a name under harder.settings (default: the standard trials)")
+    parser.add_argument("--levers", nargs="+", choices=list(LEVERS), default=list(LEVERS))
+    parser.add_argument("--folder", type=Path, default=Path("reports/unfinished"), help="for rows of single levers")
+    chosen = parser.parse_args()
+    parameters = read_parameters()
+    if chosen.setting and chosen.setting not in parameters.harder.settings:
+        parser.error(f"--setting must be one of {', '.join(parameters.harder.settings)}")
+    pairs = spread(parameters, chosen.pairs)
+    digest = hashlib.sha256(f"{parameters.seed} {chosen.trials} {pairs} {chosen.setting}".encode())
+    for section in (parameters.evaluate, parameters.physics, parameters.harder):
+        digest.update(section.model_dump_json().encode())
+    for pair in pairs:
+        digest.update(paths.merged_file(*pair).read_bytes())
+    outcomes = {}
+    for name in chosen.levers:
+        kept = chosen.folder / f"levers-{digest.hexdigest()[:10]}-{name}.csv"
+        if not kept.exists():
+            inputs = [
+                trial
+                for pair in pairs
+                for trial in trials_of(LEVERS[name], pair, parameters, chosen.trials, chosen.setting)
+            ]
+            found = pd.DataFrame(fan_out(_timed_trial, inputs, parameters.compute.workers, name))
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            found.to_csv(kept.with_suffix(".tmp"), index=False)
+            kept.with_suffix(".tmp").rename(kept)
+        outcomes[name] = pd.read_csv(kept, keep_default_na=False)
+    table = summary(outcomes)
+    target = Path(f"reports/evaluation_levers{'_' + chosen.setting if chosen.setting else ''}.csv")
+    table.to_csv(target, index=False)
+    print(table.to_string(float_format=lambda value: f"{value:.3g}"))
+
+
+if __name__ == "__main__":
+    main()
