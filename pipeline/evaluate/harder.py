@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 
+from pipeline.evaluate.__main__ import inputs_of_pairs
 from pipeline.records import paths
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.parameters.harder import overridden
@@ -34,36 +35,11 @@ def evaluate(name: str) -> None:
     import pandas as pd
 
     from pipeline.compute.fan_out import fan_out
-    from pipeline.evaluate.grasps import accepted_grasps
-    from pipeline.evaluate.scene import without_grid
-    from pipeline.evaluate.trial import run_trial, trial_inputs
-    from pipeline.records.objects import load_prepared_object
-    from pipeline.records.tables import MERGED, TRIALS, read_table, write_table
+    from pipeline.evaluate.trial import run_trial
+    from pipeline.records.tables import TRIALS, write_table
 
-    file_of, made_by = {
-        "synthesized": (paths.merged_file, "merge"),
-        "learned": (paths.sampled_file, "sample"),
-    }[setting.source]
-    grasps = {
-        (first, second): accepted_grasps(read_table(file_of(first, second), MERGED, f"{made_by}@{first}"))
-        for first, second in pairs
-    }
-    objects = {
-        name: without_grid(load_prepared_object(name))
-        for name in dict.fromkeys(name for pair in pairs for name in pair)
-    }
-    inputs = [
-        trial
-        for first, second in pairs
-        for trial in trial_inputs(
-            setting.source,
-            (objects[first], objects[second]),
-            grasps[first, second],
-            settings,
-            physics,
-            parameters["seed"],
-        )
-    ]
+    replaced = {"seed": parameters["seed"], "evaluate": settings, "physics": physics}
+    inputs = [trial for first, second in pairs for trial in inputs_of_pairs(setting.source, first, [second], replaced)]
     rows = pd.DataFrame(fan_out(run_trial, inputs, workers, f"trials of {name}"), columns=TRIALS.names)
     write_table(paths.harder_file(name), rows, TRIALS)
     print(f"{name}: {int(rows['success'].sum())} of {len(rows)} trials lifted both objects")

@@ -12,6 +12,22 @@ from pathlib import Path
 
 import yaml
 
+# Packages that take long to load: nothing may do so before the parameters were checked.
+HEAVY = {
+    "torch",
+    "warp",
+    "sapien",
+    "mani_skill",
+    "open3d",
+    "pinocchio",
+    "coal",
+    "trimesh",
+    "mlflow",
+    "plotly",
+    "pycolmap",
+    "cv2",
+}
+
 
 @dataclass(frozen=True)
 class Stage:

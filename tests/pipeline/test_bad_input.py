@@ -9,21 +9,8 @@ import pytest
 import yaml
 
 from tests.pipeline.conftest import WorkingCopy, copy_of_sources
+from tests.pipeline.declared import HEAVY
 
-HEAVY = (
-    "torch",
-    "warp",
-    "sapien",
-    "mani_skill",
-    "open3d",
-    "pinocchio",
-    "coal",
-    "trimesh",
-    "mlflow",
-    "plotly",
-    "pycolmap",
-    "cv2",
-)
 COMMANDS = {
     "prepare": ("--object", "cube"),
     "synthesize": ("--style", "pinch", "--object", "cube"),
@@ -50,7 +37,7 @@ def run(sandbox: WorkingCopy, room: str, *arguments: str):
     """Run a stage's command; print the heavy packages that it loaded as the last line of stdout."""
     code = (
         "import atexit, runpy, sys\n"
-        f"atexit.register(lambda: print('LOADED', *[name for name in {HEAVY!r} if name in sys.modules]))\n"
+        f"atexit.register(lambda: print('LOADED', *[name for name in {sorted(HEAVY)!r} if name in sys.modules]))\n"
         f"sys.argv = ['pipeline.{room}', *{list(arguments)!r}]\n"
         f"runpy.run_module('pipeline.{room}', run_name='__main__', alter_sys=True)\n"
     )

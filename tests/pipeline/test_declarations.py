@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tests.pipeline.declared import declared_stages, true_imports
+from tests.pipeline.declared import HEAVY, declared_stages, true_imports
 
 ROOT = Path(__file__).resolve().parents[2]
 STAGES = declared_stages(ROOT)
@@ -79,20 +79,6 @@ def test_a_stage_reads_no_parameter_but_its_sections(room):
 @each_room
 def test_heavy_packages_are_imported_inside_functions(room):
     """A misspelt parameter must cost a tenth of a second, so nothing slow may load before it is found."""
-    heavy = {
-        "torch",
-        "warp",
-        "sapien",
-        "mani_skill",
-        "open3d",
-        "pinocchio",
-        "coal",
-        "trimesh",
-        "mlflow",
-        "plotly",
-        "pycolmap",
-        "cv2",
-    }
     main = ROOT / "pipeline" / room / "__main__.py"
     seen, waiting = set(), [f"pipeline.{room}.__main__"]
     while waiting:
@@ -108,7 +94,7 @@ def test_heavy_packages_are_imported_inside_functions(room):
             elif isinstance(node, ast.ImportFrom) and node.module:
                 modules = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
             for module in modules:
-                assert module.split(".")[0] not in heavy, f"{main} loads {module} through {path} when it starts"
+                assert module.split(".")[0] not in HEAVY, f"{main} loads {module} through {path} when it starts"
                 if module.startswith("pipeline."):
                     waiting.append(module)
 
