@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,6 +42,10 @@ class Waypoints:
     phases: tuple[str, ...]  # (n,) the phase in which the robot gets there
     q: NDArray[np.float64]  # (n, 23) rad, in the order of ``hand.robot.ROBOT_JOINT_NAMES``
     arm_velocity: NDArray[np.float64]  # (n, 7) rad/s
+
+    def rows(self) -> Iterator[tuple[float, str, list[float], list[float]]]:
+        """Yield time, phase, positions (23) and velocities of the arm (7) of every way-point, as plain numbers."""
+        return zip(self.times.tolist(), self.phases, self.q.tolist(), self.arm_velocity.tolist(), strict=True)
 
 
 @dataclass(frozen=True)

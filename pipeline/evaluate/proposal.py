@@ -107,13 +107,7 @@ def plan_record(
         "phases": phases,
         "waypoints": [
             {"time": time, "phase": phase, "position": q, "arm_velocity": velocity}
-            for time, phase, q, velocity in zip(
-                waypoints.times.tolist(),
-                waypoints.phases,
-                waypoints.q.tolist(),
-                waypoints.arm_velocity.tolist(),
-                strict=True,
-            )
+            for time, phase, q, velocity in waypoints.rows()
         ],
         "checks": [asdict(check) | {"passed": check.passed} for check in checks],
         "within_limits": all(check.passed for check in checks),
@@ -129,12 +123,6 @@ def plan_csv(waypoints: Waypoints) -> str:
     target = io.StringIO()
     writer = csv.writer(target, lineterminator="\n")
     writer.writerow(["time", "phase", *ROBOT_JOINT_NAMES, *(f"{name}_velocity" for name in ARM_JOINT_NAMES)])
-    for time, phase, q, velocity in zip(
-        waypoints.times.tolist(),
-        waypoints.phases,
-        waypoints.q.tolist(),
-        waypoints.arm_velocity.tolist(),
-        strict=True,
-    ):
+    for time, phase, q, velocity in waypoints.rows():
         writer.writerow([time, phase, *q, *velocity])
     return target.getvalue()
