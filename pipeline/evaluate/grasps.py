@@ -98,18 +98,24 @@ def grasp_from_row(row: dict[str, Any]) -> TwoObjectGrasp:
 
 
 def accepted_grasps(table: pd.DataFrame) -> list[TwoObjectGrasp]:
-    """Return the grasps of a merged table that passed every check, in the order of ``merged_id``."""
+    """Return the grasps of a merged table that passed every check, the one with the most room first.
+
+    Room: the smaller of both clearances, of the objects from each other and from links that do not hold them. It is
+    known before any trial, and what is squeezed, carried and passed by touches less where there is more of it.
+    """
     passed = table[table["rejected_by"] == ""].sort_values("merged_id", kind="stable")
+    room = passed[["object_clearance", "hand_clearance"]].min(axis=1)
+    passed = passed.iloc[np.argsort(-room.to_numpy(), kind="stable")]
     return [grasp_from_row({str(name): value for name, value in row.items()}) for row in passed.to_dict("records")]
 
 
 def grasp_orders(count: int, trials: int, attempts: int, rng: np.random.Generator) -> list[NDArray[np.int64]]:
     """Return for each trial the indices of the grasps to try, in order, at most ``attempts`` of ``count``.
 
-    The first choices of successive trials run through one random permutation, so they differ as long as there are
-    enough grasps; the others, used when no motion is found for the first, are random.
+    The first choices of successive trials run through one random permutation of the first ``trials`` grasps, so they
+    differ as long as there are enough; the others, used when no motion is found for the first, are random.
     """
-    first = rng.permutation(count)
+    first = rng.permutation(min(count, trials))
     orders = []
     for trial in range(trials):
         others = rng.permutation(count)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 
-from pipeline.evaluate.__main__ import inputs_of_pairs
+from pipeline.evaluate.inputs import inputs_of_pairs
 from pipeline.records import paths
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.parameters.harder import overridden

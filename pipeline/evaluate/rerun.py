@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.evaluate.__main__ import GRASPS, inputs_of_pairs, second_objects, sections
 from pipeline.evaluate.execution import Run
+from pipeline.evaluate.inputs import GRASPS, inputs_of_pairs, second_objects, sections
 from pipeline.evaluate.scene import placement_offsets
 from pipeline.evaluate.trial import TrialInput, run_trial
 from pipeline.records import paths

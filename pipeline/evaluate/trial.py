@@ -139,7 +139,11 @@ def trial_inputs(
     physics: PhysicsParameters,
     run_seed: int,
 ) -> list[TrialInput]:
-    """Return the inputs of all trials of one pair; each trial's seed depends on the pair and its number alone."""
+    """Return the inputs of all trials of one pair; each trial's seed depends on the pair and its number alone.
+
+    Args:
+        grasps: the preferred first; when there are more than trials, the first ones are tried.
+    """
     identity = ("evaluate", source, objects[0].name, objects[1].name)
     orders = grasp_orders(len(grasps), settings.trials, settings.planning_attempts, item_generator(run_seed, *identity))
     return [

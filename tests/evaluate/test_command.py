@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pipeline.evaluate.__main__ import sections
+from pipeline.evaluate.inputs import sections
 from pipeline.records.parameters import load_parameters
 
 

@@ -139,7 +139,8 @@ def test_objects_stand_on_the_sponge_where_they_are_put(objects) -> None:
 
 def test_first_choices_differ_while_there_are_enough_grasps() -> None:
     orders = grasp_orders(40, 25, 4, np.random.default_rng(0))
-    assert len({int(order[0]) for order in orders}) == 25
+    assert sorted(int(order[0]) for order in orders) == list(range(25))
+    assert max(int(order.max()) for order in orders) > 24
     assert all(len(order) == len(set(order.tolist())) == 4 for order in orders)
     few = grasp_orders(3, 7, 4, np.random.default_rng(0))
     assert all(sorted(order.tolist()) == [0, 1, 2] for order in few)
@@ -149,9 +150,21 @@ def test_first_choices_differ_while_there_are_enough_grasps() -> None:
 
 def test_only_accepted_grasps_are_used(grasp_row) -> None:
     table = pd.DataFrame(
-        [grasp_row | {"merged_id": i, "rejected_by": r} for i, r in ((5, ""), (2, "gravity"), (1, ""))]
+        [
+            grasp_row | {"merged_id": i, "rejected_by": r, "object_clearance": 0.02, "hand_clearance": 0.01}
+            for i, r in ((5, ""), (2, "gravity"), (1, ""))
+        ]
     )
     assert [grasp.merged_id for grasp in accepted_grasps(table)] == [1, 5]
+
+
+def test_grasps_with_the_most_room_come_first(grasp_row) -> None:
+    gaps = {0: (0.03, 0.002), 1: (0.004, 0.009), 2: (0.02, 0.001), 3: (0.02, 0.004)}
+    rows = [
+        grasp_row | {"merged_id": i, "rejected_by": "", "object_clearance": objects, "hand_clearance": hand}
+        for i, (objects, hand) in gaps.items()
+    ]
+    assert [grasp.merged_id for grasp in accepted_grasps(pd.DataFrame(rows))] == [1, 3, 0, 2]
 
 
 def test_trial_seeds_depend_on_pair_and_number(objects, grasp) -> None:
