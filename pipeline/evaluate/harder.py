@@ -7,6 +7,7 @@ same pair and number. Writes ``data/evaluate/harder/<setting>.parquet``.
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING, Any
 
 from pipeline.evaluate.inputs import inputs_of_pairs
 from pipeline.records import paths
@@ -14,10 +15,37 @@ from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.parameters.harder import overridden
 from pipeline.records.running import run_stage
 
+if TYPE_CHECKING:
+    from pipeline.evaluate.trial import TrialInput
+
 
 def sections(setting: str) -> list[str]:
     """Parameter sections that ``evaluate-harder@<setting>`` declares in ``dvc.yaml``."""
     return ["seed", "physics", "evaluate", "harder.pairs", "harder.trials", f"harder.settings.{setting}"]
+
+
+def inputs_of_setting(name: str, parameters: dict[str, Any]) -> list[TrialInput]:
+    """Return the inputs of all trials of one setting: the first ``harder.trials`` of the standard ones, changed.
+
+    Args:
+        parameters: the ``sections(name)``.
+
+    Raises:
+        UserError: a table of grasps or an object is missing or damaged.
+    """
+    setting = parameters[f"harder.settings.{name}"]
+    replaced = {
+        "seed": parameters["seed"],
+        "evaluate": overridden(parameters["evaluate"], setting.evaluate),
+        "physics": overridden(parameters["physics"], setting.physics),
+    }
+    # Which grasp a trial tries depends on how many trials the standard has, so that all are made before some are left.
+    inputs = [
+        trial
+        for first, second in parameters["harder.pairs"]
+        for trial in inputs_of_pairs(setting.source, first, [second], replaced)
+    ]
+    return [trial for trial in inputs if trial.trial < parameters["harder.trials"]]
 
 
 def evaluate(name: str) -> None:
@@ -28,9 +56,6 @@ def evaluate(name: str) -> None:
     """
     parameters = load_parameters(sections(name))
     workers = read_parameters().compute.workers
-    setting, pairs = parameters[f"harder.settings.{name}"], parameters["harder.pairs"]
-    settings = overridden(parameters["evaluate"], {**setting.evaluate, "trials": parameters["harder.trials"]})
-    physics = overridden(parameters["physics"], setting.physics)
 
     import pandas as pd
 
@@ -38,8 +63,7 @@ def evaluate(name: str) -> None:
     from pipeline.evaluate.trial import run_trial
     from pipeline.records.tables import TRIALS, write_table
 
-    replaced = {"seed": parameters["seed"], "evaluate": settings, "physics": physics}
-    inputs = [trial for first, second in pairs for trial in inputs_of_pairs(setting.source, first, [second], replaced)]
+    inputs = inputs_of_setting(name, parameters)
     rows = pd.DataFrame(fan_out(run_trial, inputs, workers, f"trials of {name}"), columns=TRIALS.names)
     write_table(paths.harder_file(name), rows, TRIALS)
     print(f"{name}: {int(rows['success'].sum())} of {len(rows)} trials lifted both objects")

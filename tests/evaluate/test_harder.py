@@ -6,14 +6,20 @@ import os
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
+import yaml
 
-from pipeline.evaluate.harder import sections
+from pipeline.evaluate.harder import inputs_of_setting, sections
+from pipeline.evaluate.inputs import inputs_of_pairs
 from pipeline.evaluate.scene import placement_offsets
+from pipeline.records import paths
+from pipeline.records.objects import write_prepared_object
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.harder import overridden
 from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.tables import MERGED, write_table
 
 
 def test_sections_exist_in_the_committed_parameters(repository: Path) -> None:
@@ -51,3 +57,26 @@ def test_a_wider_placement_stretches_the_same_offsets() -> None:
     wider = overridden(standard, {"perturbation": 0.01, "yaw_perturbation": 0.2})
     offsets = [placement_offsets(settings, np.random.default_rng(3)) for settings in (standard, wider)]
     np.testing.assert_allclose(offsets[1], 2 * offsets[0])
+
+
+def test_fewer_trials_are_the_first_of_the_standard_ones(tmp_path, repository, monkeypatch, objects, grasp_row) -> None:
+    monkeypatch.chdir(tmp_path)
+    values = yaml.safe_load((repository / "params.yaml").read_text())
+    values["evaluate"]["trials"] = 6
+    values["harder"] |= {"pairs": [["cube", "slender_cylinder"]], "trials": 2}
+    Path("params.yaml").write_text(yaml.safe_dump(values))
+    for prepared in objects:
+        write_prepared_object(paths.prepared_folder(prepared.name), prepared)
+    names = {"object0": "cube", "object1": "slender_cylinder", "rejected_by": "", "object_clearance": 0.03}
+    rows = [
+        dict.fromkeys(MERGED.names) | grasp_row | names | {"merged_id": i, "hand_clearance": 0.001 * i}
+        for i in range(9)
+    ]
+    write_table(paths.merged_file("cube", "slender_cylinder"), pd.DataFrame(rows, columns=MERGED.names), MERGED)
+    harder = inputs_of_setting("simulator_torque", load_parameters(sections("simulator_torque")))
+    parameters = load_parameters(["seed", "styles", "physics", "evaluate"])
+    standard = inputs_of_pairs("synthesized", "cube", ["slender_cylinder"], parameters)[:2]
+    for one, other in zip(harder, standard, strict=True):
+        assert (one.trial, one.seed) == (other.trial, other.seed)
+        assert [grasp.merged_id for grasp in one.grasps] == [grasp.merged_id for grasp in other.grasps]
+        assert (one.physics.hand_torque_limit, other.physics.hand_torque_limit) == (50.0, 0.7)
