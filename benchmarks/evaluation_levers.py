@@ -1,11 +1,12 @@
 """What each way to make trials succeed is worth: the same pairs, numbers and seeds, one thing changed at a time.
 
-    python benchmarks/evaluation_levers.py --pairs 16 --trials 6 [--setting friction_0_6] [--levers standard ...]
+    python benchmarks/evaluation_levers.py --pairs 16 --trials 6 [--setting friction_0_6] [--levers any_grasps ...]
 
-Needs ``data/prepare`` and ``data/merge`` of a run; writes ``reports/evaluation_levers.csv`` (with ``--setting``: in
-that harder setting, ``reports/evaluation_levers_<setting>.csv``) and prints it. The first levers take away what the
-standard trials have; the last choose other grasps of the same table, by figures that `merge` left there and by no
-outcome of a trial. lost, gained: trials that succeed only without, only with the change.
+Needs a finished run: the standard trials are read from ``data/evaluate`` (with ``--setting``: those of that harder
+setting), the others are run on ``data/prepare`` and ``data/merge``. Writes ``reports/evaluation_levers.csv`` (with
+``--setting``: ``reports/evaluation_levers_<setting>.csv``) and prints it. The first levers take away what the standard
+trials have; the last choose other grasps of the same table. lost, gained: trials that succeed only without, only with
+the change.
 
 Each finished lever leaves its rows in ``--folder``; the same command goes on after it.
 """
@@ -35,9 +36,16 @@ from pipeline.records import paths  # noqa: E402
 from pipeline.records.objects import load_prepared_object  # noqa: E402
 from pipeline.records.parameters import Parameters, read_parameters  # noqa: E402
 from pipeline.records.parameters.harder import overridden  # noqa: E402
-from pipeline.records.tables import MERGED, read_table  # noqa: E402
+from pipeline.records.tables import MERGED, TRIALS, read_table  # noqa: E402
 
-KEPT = 25  # grasps of a pair that a choice keeps, as many as the paper's trials
+Pair = tuple[str, str]
+IDENTITY = ["object0", "object1", "trial"]
+KEPT = [*IDENTITY, "merged_id", "success", "reason", "planning_attempts"]
+
+
+def as_they_come(grasps: pd.DataFrame) -> pd.Series:
+    """Return the order in which merge found them, which is random."""
+    return grasps["merged_id"]
 
 
 def least_drift(grasps: pd.DataFrame) -> pd.Series:
@@ -45,9 +53,9 @@ def least_drift(grasps: pd.DataFrame) -> pd.Series:
     return grasps["gravity_drift"].map(np.max)
 
 
-def largest_clearance(grasps: pd.DataFrame) -> pd.Series:
-    """Return the smaller of both clearances, negative, m: the largest comes first."""
-    return -grasps[["object_clearance", "hand_clearance"]].min(axis=1)
+def farthest_from_the_base(grasps: pd.DataFrame) -> pd.Series:
+    """Return how near flange and mount come to the plane that the second object stands on, negative, m."""
+    return -grasps["mount_clearance"]
 
 
 @dataclass(frozen=True)
@@ -60,60 +68,83 @@ class Lever:
 
 
 LEVERS = {
-    "standard": Lever(),
     "one_attempt_at_planning": Lever(evaluate={"planning_attempts": 1}),
     "no_planning_margin": Lever(evaluate={"planning_margin": 0.0}),
     "own_entry_length_only": Lever(evaluate={"shorter_entries": []}),
     "no_rest_before_lifting": Lever(evaluate={"dwell_seconds": 0.0}),
     "fingers_close_in_0_3_s": Lever(evaluate={"close_seconds": 0.3}),
     "torque_of_the_simulator": Lever(physics={"hand_torque_limit": 50.0}),
-    "least_drift": Lever(choose=least_drift),
-    "largest_clearance": Lever(choose=largest_clearance),
+    "grasps_as_they_come": Lever(choose=as_they_come),
+    "grasps_of_least_drift": Lever(choose=least_drift),
+    "grasps_with_the_highest_mount": Lever(choose=farthest_from_the_base),
 }
 
 
-def trials_of(lever: Lever, pair: tuple[str, str], parameters: Parameters, trials: int, setting: str) -> list[Any]:
-    """Return the inputs of the trials of one pair."""
+def trials_of(lever: Lever, pair: Pair, parameters: Parameters, trials: int, setting: str) -> list[Any]:
+    """Return the inputs of the first ``trials`` trials of one pair."""
     harder = parameters.harder.settings[setting] if setting else None
-    evaluate = {**(harder.evaluate if harder else {}), **lever.evaluate, "trials": trials}
+    evaluate = {**(harder.evaluate if harder else {}), **lever.evaluate}
     physics = {**(harder.physics if harder else {}), **lever.physics}
     table = read_table(paths.merged_file(*pair), MERGED, f"merge@{pair[0]}")
-    passed = table[table["rejected_by"] == ""]
+    grasps = accepted_grasps(table)
     if lever.choose:
-        passed = passed.loc[lever.choose(passed).sort_values(kind="stable").index[:KEPT]]
+        passed = table[table["rejected_by"] == ""]
+        order = passed.loc[lever.choose(passed).sort_values(kind="stable").index, "merged_id"]
+        by_id = {grasp.merged_id: grasp for grasp in grasps}
+        grasps = [by_id[number] for number in order]
     first, second = (without_grid(load_prepared_object(name)) for name in pair)
     return trial_inputs(
         "synthesized",
         (first, second),
-        accepted_grasps(passed),
+        grasps,
         overridden(parameters.evaluate, evaluate),
         overridden(parameters.physics, physics),
         parameters.seed,
-    )
+    )[:trials]
 
 
-def spread(parameters: Parameters, count: int) -> list[tuple[str, str]]:
+def standard_trials(pairs: list[Pair], trials: int, setting: str) -> pd.DataFrame:
+    """Return the rows of the first ``trials`` trials of every pair that the pipeline has run."""
+    files = {first: paths.trials_file("synthesized", first) for first, _ in pairs}
+    stages = {first: f"evaluate-synthesized@{first}" for first in files}
+    if setting:
+        files, stages = {"": paths.harder_file(setting)}, {"": f"evaluate-harder@{setting}"}
+    rows = pd.concat([read_table(file, TRIALS, stages[first]) for first, file in files.items()])
+    own = [pair in pairs for pair in zip(rows["object0"], rows["object1"], strict=True)]
+    return rows.loc[np.array(own) & (rows["trial"] < trials), KEPT].reset_index(drop=True)
+
+
+def spread(parameters: Parameters, count: int) -> list[Pair]:
     """Return ``count`` pairs: those of ``harder.pairs`` first, then all others in order."""
     every = [(first, second) for first in parameters.styles.pinch for second in parameters.styles.side]
     return list(dict.fromkeys([*parameters.harder.pairs, *every]))[:count]
 
 
 def summary(outcomes: dict[str, pd.DataFrame]) -> pd.DataFrame:
-    """Return a row per lever: success, what is lost and gained against ``standard``, reasons, cost."""
-    standard = outcomes.get("standard")
+    """Return a row per lever: success, what is lost and gained against ``standard``, reasons, cost.
+
+    Raises:
+        ValueError: the trials of a lever are not those of the standard.
+    """
+    standard = outcomes["standard"].set_index(IDENTITY)["success"].astype(bool)
     rows = []
     for name, own in outcomes.items():
-        failed = own[~own["success"]]["reason"].value_counts()
+        success = own.set_index(IDENTITY)["success"].astype(bool)
+        if not success.sort_index().index.equals(standard.sort_index().index):
+            raise ValueError(f"{name} has other trials than the standard")
+        before = standard.reindex(success.index)
+        failed = own[~own["success"].astype(bool)]["reason"].value_counts()
         per_pair = own.groupby(["object0", "object1"])["success"].mean()
         row = {
             "lever": name,
             "trials": len(own),
             "success_rate_mean": per_pair.mean(),
             "success_rate_min_pair": per_pair.min(),
-            "lost": (standard["success"] & ~own["success"]).sum() if standard is not None else None,
-            "gained": (~standard["success"] & own["success"]).sum() if standard is not None else None,
+            "lost": int((before & ~success).sum()),
+            "gained": int((~before & success).sum()),
+            "other_grasp_planned": int((own["planning_attempts"] > 1).sum()),
             "reasons": "; ".join(f"{reason} {count}" for reason, count in failed.items()),
-            "cpu_seconds_per_trial": own["seconds"].mean(),
+            "cpu_seconds_per_trial": own["seconds"].mean() if "seconds" in own else None,
         }
         rows.append(row)
     return pd.DataFrame(rows)
@@ -122,8 +153,7 @@ def summary(outcomes: dict[str, pd.DataFrame]) -> pd.DataFrame:
 def _timed_trial(inputs: Any) -> dict[str, Any]:
     begin = time.process_time()
     row = run_trial(inputs)
-    kept = {name: row[name] for name in ("object0", "object1", "trial", "merged_id", "success", "reason")}
-    return kept | {"seconds": time.process_time() - begin}
+    return {name: row[name] for name in KEPT} | {"seconds": time.process_time() - begin}
 
 
 def main() -> None:
@@ -138,13 +168,16 @@ def main() -> None:
     parameters = read_parameters()
     if chosen.setting and chosen.setting not in parameters.harder.settings:
         parser.error(f"--setting must be one of {', '.join(parameters.harder.settings)}")
-    pairs = spread(parameters, chosen.pairs)
+    most = parameters.harder.trials if chosen.setting else parameters.evaluate.trials
+    if not 1 <= chosen.trials <= most:
+        parser.error(f"--trials must be 1 to {most}, as many as the run has")
+    pairs = parameters.harder.pairs[: chosen.pairs] if chosen.setting else spread(parameters, chosen.pairs)
     digest = hashlib.sha256(f"{parameters.seed} {chosen.trials} {pairs} {chosen.setting}".encode())
     for section in (parameters.evaluate, parameters.physics, parameters.harder):
         digest.update(section.model_dump_json().encode())
     for pair in pairs:
         digest.update(paths.merged_file(*pair).read_bytes())
-    outcomes = {}
+    outcomes = {"standard": standard_trials(pairs, chosen.trials, chosen.setting)}
     for name in chosen.levers:
         kept = chosen.folder / f"levers-{digest.hexdigest()[:10]}-{name}.csv"
         if not kept.exists():
