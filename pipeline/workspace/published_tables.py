@@ -1,0 +1,236 @@
+"""The tables of a published result, as Markdown, from what the report and the stages left: no figure is typed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+
+from pipeline.report.paper import (
+    MEAN_SUCCESS,
+    MINIMUM_SUCCESS,
+    PAIRS,
+    PERFECT_CELLS,
+    SINGLE_GRASP_SUCCESS,
+    TRIALS_PER_PAIR,
+)
+from pipeline.report.rates import PairTrials, mean, pair_trials, wilson_interval
+
+STANDARD = {"synthesized": "SG", "learned": "LG"}
+STAGES = ("prepare", "synthesize", "validate", "merge", "train", "sample", "evaluate", "evaluate-harder")
+BLOCK = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+Parameters = Mapping[str, Any]
+
+
+def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines) + "\n"
+
+
+def percent(value: float, digits: int = 1) -> str:
+    """Return a share as text, such as 98.8 %."""
+    return f"{100 * value:.{digits}f} %"
+
+
+def spoken(name: str) -> str:
+    """Return an object's name with spaces."""
+    return name.replace("_", " ")
+
+
+def of_pairs(trials: pd.DataFrame, pairs: Sequence[tuple[str, str]]) -> list[PairTrials]:
+    """Count the outcomes of every pair."""
+    return [pair_trials(first, second, trials) for first, second in pairs]
+
+
+def headline(trials: pd.DataFrame, pairs: Sequence[tuple[str, str]]) -> str:
+    """Success, both rules, worst pair and pairs at 100 %, of both sources beside the paper's."""
+    counts = {source: of_pairs(trials[trials["table"] == source], pairs) for source in STANDARD}
+
+    def row(name: str, paper: Mapping[str, str], value: Any) -> list[str]:
+        cells = [text for source in STANDARD for text in (value(counts[source]), paper.get(source, "not published"))]
+        return [name, *cells]
+
+    def interval(own: list[PairTrials]) -> str:
+        low, high = wilson_interval(sum(pair.successes for pair in own), sum(pair.trials for pair in own))
+        return f"{percent(low)} to {percent(high)}"
+
+    rows = [
+        row(
+            "both 20 cm up for 2 s, mean over pairs",
+            {source: percent(value) for source, value in MEAN_SUCCESS.items()},
+            lambda own: f"**{percent(mean([pair.success_rate for pair in own]))}**",
+        ),
+        row("95 % interval of all trials", {}, interval),
+        row(
+            "worst pair",
+            {source: percent(value, 0) for source, value in MINIMUM_SUCCESS.items()},
+            lambda own: percent(min(pair.success_rate for pair in own), 0),
+        ),
+        row(
+            "pairs at 100 %",
+            {source: str(count) for source, count in PERFECT_CELLS.items()},
+            lambda own: str(sum(pair.successes == pair.trials for pair in own)),
+        ),
+        row(
+            "more than 10 cm up at the end of the lift (the released code's rule)",
+            {},
+            lambda own: percent(mean([pair.success_rate_10cm for pair in own])),
+        ),
+        row("no motion found", {}, lambda own: str(sum(pair.planning_failures for pair in own))),
+        row(
+            "pairs, trials",
+            dict.fromkeys(STANDARD, f"{PAIRS}, {PAIRS * TRIALS_PER_PAIR}"),
+            lambda own: f"{len(own)}, {sum(pair.trials for pair in own)}",
+        ),
+    ]
+    return markdown(["", "SG", "paper's SG", "LG", "paper's LG"], rows)
+
+
+def matrix(trials: pd.DataFrame, source: str, parameters: Parameters) -> str:
+    """Successes of every pair; pairs that are never trained together in italics."""
+    own, styles = trials[trials["table"] == source], parameters["styles"]
+    unseen = [tuple(pair) for pair in parameters["train"]["data"]["held_out_pairs"]] if source == "learned" else []
+    rows = []
+    for first in styles["pinch"]:
+        counts = of_pairs(own, [(first, second) for second in styles["side"]])
+        cells = [
+            f"*{pair.successes}*" if (pair.first, pair.second) in unseen else str(pair.successes) for pair in counts
+        ]
+        rows.append([spoken(first), *cells])
+    return markdown(["first \\ second", *map(spoken, styles["side"])], rows)
+
+
+def failures(trials: pd.DataFrame, tables: Sequence[str]) -> str:
+    """How many trials of each table ended for each reason."""
+    failed = trials[~trials["success"]]
+    reasons = sorted(failed.loc[failed["table"].isin(tables), "reason"].unique())
+    counts = {name: failed.loc[failed["table"] == name, "reason"].value_counts() for name in tables}
+    rows = [[f"`{reason}`", *(str(int(counts[name].get(reason, 0))) for name in tables)] for reason in reasons]
+    rows.append(["all trials", *(str(int((trials["table"] == name).sum())) for name in tables)])
+    return markdown(["reason", *(STANDARD.get(name, f"`{name}`") for name in tables)], rows)
+
+
+def harder(trials: pd.DataFrame, parameters: Parameters) -> str:
+    """Successes of the pairs of harder settings beside those of the same standard trials."""
+    section = parameters["harder"]
+    pairs = [(first, second) for first, second in section["pairs"]]
+    sources = {name: "synthesized" if one["grasps"] == "data/merge" else "learned" for name, one in settings(section)}
+    standard = list(dict.fromkeys(sources.values()))
+    same = trials[trials["trial"] < section["trials"]]
+    columns = {
+        **{STANDARD[source]: of_pairs(same[same["table"] == source], pairs) for source in standard},
+        **{f"`{name}`": of_pairs(same[same["table"] == name], pairs) for name in sources},
+    }
+    rows = [
+        [f"{spoken(first)}, {spoken(second)}", *(str(own[index].successes) for own in columns.values())]
+        for index, (first, second) in enumerate(pairs)
+    ]
+    rows.append(["**mean**", *(f"**{percent(mean([p.success_rate for p in own]))}**" for own in columns.values())])
+    rows.append(["worst pair", *(percent(min(p.success_rate for p in own), 0) for own in columns.values())])
+    rows.append(
+        [
+            "by the released code's rule",
+            *(percent(mean([p.success_rate_10cm for p in own])) for own in columns.values()),
+        ]
+    )
+    rows.append(["no motion found", *(str(sum(p.planning_failures for p in own)) for own in columns.values())])
+    return markdown([f"successes of {section['trials']} trials", *columns], rows)
+
+
+def settings(section: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
+    """Return the harder settings by name."""
+    return list(section["settings"].items())
+
+
+def single_grasps(summary: Mapping[str, Any], durations: Mapping[str, Any], parameters: Parameters) -> str:
+    """Chains, survivors and cost of every object beside the paper's Table I."""
+    rows = []
+    for style in ("pinch", "side"):
+        for name in parameters["styles"][style]:
+            key = f"validate.{style}.{name}"
+            cpu = sum(durations[f"{stage}-{style}@{name}"]["cpu_seconds"] for stage in ("synthesize", "validate"))
+            validated = summary[f"{key}.validated"]
+            paper = SINGLE_GRASP_SUCCESS[style].get(name)
+            row = [spoken(name), style, str(summary[f"{key}.optimised"])]
+            row += [str(summary[f"synthesize.{style}.{name}.passed"]), str(validated)]
+            row += [percent(summary[f"{key}.survival_rate"], 0), "" if paper is None else percent(paper)]
+            rows.append([*row, f"{cpu / validated:.2f}" if validated else ""])
+    header = ["object", "style", "chains", "passed", "validated", "survival", "paper", "CPU s per validated"]
+    return markdown(header, rows)
+
+
+def merges(summary: Mapping[str, Any], parameters: Parameters) -> str:
+    """Share of the combinations that merge, in percent, of every pair."""
+    styles = parameters["styles"]
+    rows = [
+        [
+            spoken(first),
+            *(f"{100 * summary[f'merge.{first}--{second}.acceptance_rate']:.0f}" for second in styles["side"]),
+        ]
+        for first in styles["pinch"]
+    ]
+    return markdown(["first \\ second", *map(spoken, styles["side"])], rows)
+
+
+def cost(durations: Mapping[str, Mapping[str, float]], trials: pd.DataFrame) -> str:
+    """Wall and CPU time and memory of every kind of stage."""
+    rows = []
+    for kind in STAGES:
+        others = [stage for stage in STAGES if stage.startswith(f"{kind}-")]
+        own = {
+            stage: values
+            for stage, values in durations.items()
+            if stage == kind or stage.startswith((f"{kind}-", f"{kind}@"))
+            if not stage.startswith((*others, f"{kind}-reconstructed"))
+        }
+        longest = max(own, key=lambda stage: own[stage]["wall_seconds"])
+        wall, cpu = (sum(values[key] for values in own.values()) for key in ("wall_seconds", "cpu_seconds"))
+        memory = max(values["peak_megabytes_largest_process"] for values in own.values())
+        row = [f"`{kind}`", str(len(own)), f"{wall / 60:.1f}", f"{cpu / 60:.1f}"]
+        rows.append([*row, f"{own[longest]['wall_seconds'] / 60:.1f} (`{longest}`)", f"{memory / 1000:.1f}"])
+    standard = trials["table"].isin(list(STANDARD))
+    for name, kinds, count in (
+        ("standard", tuple(STANDARD), standard.sum()),
+        ("harder", ("harder",), (~standard).sum()),
+    ):
+        stages = tuple(f"evaluate-{kind}@" for kind in kinds)
+        cpu = sum(values["cpu_seconds"] for stage, values in durations.items() if stage.startswith(stages))
+        if count:
+            rows.append([f"one {name} trial", "", "", f"{cpu / int(count):.2f} s", "", ""])
+    return markdown(["stage", "DVC stages", "wall, min", "CPU, min", "longest, min", "largest process, GB"], rows)
+
+
+def published_tables(
+    summary: Mapping[str, Any], durations: Mapping[str, Any], trials: pd.DataFrame, parameters: Parameters
+) -> dict[str, str]:
+    """Return all tables by name.
+
+    Args:
+        summary, durations: ``reports/summary.json`` and ``reports/durations.json``.
+        trials: all rows of the standard and the harder trials; ``table`` is the source or the setting.
+        parameters: the content of ``params.yaml``.
+    """
+    styles = parameters["styles"]
+    pairs = [(first, second) for first in styles["pinch"] for second in styles["side"]]
+    return {
+        "success": headline(trials, pairs),
+        "synthesized": matrix(trials, "synthesized", parameters),
+        "learned": matrix(trials, "learned", parameters),
+        "failures": failures(trials, [*STANDARD, *(name for name, _ in settings(parameters["harder"]))]),
+        "harder": harder(trials, parameters),
+        "single_grasps": single_grasps(summary, durations, parameters),
+        "merges": merges(summary, parameters),
+        "cost": cost(durations, trials),
+    }
+
+
+def with_tables(page: str, tables: Mapping[str, str]) -> str:
+    """Return the page with every ``<!-- table: name -->`` block holding that table.
+
+    Raises:
+        KeyError: the page asks for a table that there is not.
+    """
+    return BLOCK.sub(lambda block: block[1] + tables[block[2]] + block[3], page)
