@@ -27,7 +27,7 @@ from pipeline.records.writing import whole_file
 from pipeline.workspace.machine import package_versions
 from pipeline.workspace.published_tables import published_tables, with_tables
 
-COPIED = (paths.PARAMETERS_FILE, Path("dvc.lock"), paths.SUMMARY_FILE, paths.DURATIONS_FILE, paths.DATASET_CARD)
+COPIED = (paths.PARAMETERS_FILE, Path("dvc.lock"), paths.SUMMARY_FILE, paths.DURATIONS_FILE)
 COLUMNS = ["object0", "object1", "trial", "merged_id", "success", "success_10cm", "reason", "planning_attempts"]
 TRIALS_FILE = "trials.csv"
 MACHINE_FILE = "machine.json"
@@ -91,6 +91,10 @@ def publish(folder: Path) -> None:
             raise UserError(f"{source} is missing; run `./dev repro` first.")
         with whole_file(folder / source.name) as temporary:
             shutil.copyfile(source, temporary)
+    card = folder / paths.DATASET_CARD.name
+    above = Path(os.path.relpath(".", folder)).as_posix()
+    with whole_file(card) as temporary:
+        temporary.write_text(paths.DATASET_CARD.read_text().replace("](../", f"]({above}/"))
     with whole_file(folder / TRIALS_FILE) as temporary:
         trials.to_csv(temporary, index=False, lineterminator="\n")
     with whole_file(folder / MACHINE_FILE) as temporary:
