@@ -1,4 +1,4 @@
-"""What others take from a finished run: its grasps as a table or in the released code's format. No stage imports this."""
+"""What others take from a finished run: grasps as a table or in the released code's format. No stage imports this."""
 
 from pipeline.share.grasps import GRASP_COLUMNS, load_grasps
 

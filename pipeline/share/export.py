@@ -1,7 +1,7 @@
 """`python -m pipeline.share.export grasps.h5`: two-object grasps as one file, from here or from a git address.
 
-FILE.parquet holds the table of `load_grasps`. FILE.h5 has the schema of the paper's released code: of grasps whose first
-objects have different numbers of contacts, one file per number is written, as FILE-2-2.h5 and FILE-3-2.h5.
+FILE.parquet holds the table of `load_grasps`. FILE.h5 has the schema of the paper's released code, in which all grasps
+of a file have as many contacts: where they differ, one file per number is written, such as FILE-2-2.h5 and FILE-3-2.h5.
 """
 
 from __future__ import annotations

@@ -162,7 +162,7 @@ def objects_of(project: Project) -> dict[str, list[str]]:
         found = {style: list(content["styles"][style]) for style in STYLES}
     except (yaml.YAMLError, KeyError, TypeError, ValueError) as error:
         raise UserError(
-            f"{place} does not list objects under `styles`; is it a project of two-object grasps?"
+            f"{place} does not list objects under `styles`, so it is no project of two-object grasps."
         ) from error
     for name in (name for style in STYLES for name in found[style]):
         if not isinstance(name, str) or not OBJECT_NAME.fullmatch(name):

@@ -224,7 +224,7 @@ def write_meshes(project: Project, names: Iterable[str], folder: Path) -> list[P
         path = paths.prepared_folder(name) / "mesh.ply"
         content = project.read(path, f"prepare@{name}")
         try:
-            mesh = trimesh.load(io.BytesIO(content), file_type="ply", process=False)
+            mesh = trimesh.load_mesh(io.BytesIO(content), file_type="ply", process=False)
             upright = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
         except Exception as error:  # trimesh promises no kind of error for a damaged file
             raise UserError(f"{project.where(path)} is damaged; fetch or make it again.") from error
