@@ -16,7 +16,7 @@ import pyarrow as pa
 
 from pipeline.records.errors import UserError
 from pipeline.records.tables import MERGED, write_table
-from pipeline.share.grasps import FILES, GRASP_COLUMNS, load_grasps
+from pipeline.share.grasps import FILES, GRASP_COLUMNS, chosen_pairs, grasps_of
 from pipeline.share.project import STYLES, Project, objects_of, open_project
 from pipeline.share.released import (
     pair_arrays,
@@ -72,23 +72,17 @@ def export(arguments: argparse.Namespace) -> list[Path]:
         )
     if file.exists():
         raise UserError(f"{file} is there already; remove it or name another file.")
-    project = open_project(arguments.repository, arguments.rev)
-    if arguments.single:
-        names = [arguments.object]
-        written = _export_single(project, file, arguments.single, arguments.object)
-    else:
-        grasps = load_grasps(
-            arguments.repository,
-            arguments.rev,
-            first=arguments.first,
-            second=arguments.second,
-            source=arguments.source,
-            only_accepted=not arguments.all,
-        )
-        names = sorted({*grasps["object0"], *grasps["object1"]})
-        written = _export_pairs(project, file, grasps, arguments.no_contacts)
-    if arguments.meshes is not None:
-        written += write_meshes(project, names, arguments.meshes)
+    with open_project(arguments.repository, arguments.rev) as project:
+        if arguments.single:
+            names = [arguments.object]
+            written = _export_single(project, file, arguments.single, arguments.object)
+        else:
+            pairs = chosen_pairs(project, arguments.first, arguments.second)
+            grasps = grasps_of(project, pairs, arguments.source, not arguments.all)
+            names = sorted({name for pair in pairs for name in pair})
+            written = _export_pairs(project, file, grasps, arguments.no_contacts)
+        if arguments.meshes is not None:
+            written += write_meshes(project, names, arguments.meshes)
     return written
 
 

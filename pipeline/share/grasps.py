@@ -49,16 +49,21 @@ def load_grasps(
     Raises:
         UserError: something is missing or damaged; the sentence says what and how to mend it.
     """
-    project = open_project(repository, rev)
-    pairs = chosen_pairs(project, first, second)
-    return pd.concat(
-        [
-            _pair(project, one, *pair, only_accepted)
-            for one in _among("source", source, tuple(FILES), "this project")
-            for pair in pairs
-        ],
-        ignore_index=True,
-    )
+    sources = _among("source", source, tuple(FILES), "this project")
+    with open_project(repository, rev) as project:
+        return grasps_of(project, chosen_pairs(project, first, second), sources, only_accepted)
+
+
+def grasps_of(
+    project: Project, pairs: Sequence[tuple[str, str]], sources: Iterable[str], only_accepted: bool
+) -> pd.DataFrame:
+    """Return the grasps of ``pairs``, as :func:`load_grasps` does.
+
+    Raises:
+        UserError: a table is missing or damaged.
+    """
+    tables = [_pair(project, source, *pair, only_accepted) for source in sources for pair in pairs]
+    return pd.concat(tables, ignore_index=True)
 
 
 def chosen_pairs(

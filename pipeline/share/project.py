@@ -6,11 +6,13 @@ before they become paths, and every table must have the columns of its schema.
 
 from __future__ import annotations
 
+import atexit
 import io
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -84,12 +86,25 @@ class PublishedRevision:
 
     def read(self, path: Path, made_by: str) -> bytes:
         """Return the content of a file; see :class:`Project`."""
+        from dvc_data.index import DataIndexDirError
+
         with _dvc_errors(self.address, self.rev, path):
-            return self.files.read_bytes(path.as_posix())
+            try:
+                return self.files.read_bytes(path.as_posix())
+            except DataIndexDirError as error:  # of a folder's list; its cause is what the storage said
+                raise (error.__cause__ or FileNotFoundError()) from error
+            except FileNotFoundError as error:
+                if made_by:
+                    raise
+                raise UserError(
+                    f"{self.where(path)} is not there, so it is no project of two-object grasps; check the address and "
+                    "the revision."
+                ) from error
 
 
-def open_project(repository: str | os.PathLike[str] = ".", rev: str | None = None) -> Project:
-    """Return where the files of ``repository`` come from.
+@contextmanager
+def open_project(repository: str | os.PathLike[str] = ".", rev: str | None = None) -> Iterator[Project]:
+    """Yield where the files of ``repository`` come from.
 
     Args:
         repository: the folder of a clone, or what `git clone` takes: an address, or a bare repository.
@@ -100,14 +115,27 @@ def open_project(repository: str | os.PathLike[str] = ".", rev: str | None = Non
     """
     folder = Path(repository)
     if rev is None and folder.is_dir() and not (folder / "HEAD").is_file():
-        return WorkingFolder(folder)
+        yield WorkingFolder(folder)
+        return
     address = os.fspath(repository)
     with _dvc_errors(address, rev, None):
         from dvc.api import DVCFileSystem
 
+        _remove_clones_at_exit()
         files = DVCFileSystem(address, rev=rev)
         files.exists(paths.PARAMETERS_FILE.as_posix())  # clones, and finds the revision
-    return PublishedRevision(address, rev, files)
+    try:
+        yield PublishedRevision(address, rev, files)
+    finally:
+        files.close()
+
+
+@cache
+def _remove_clones_at_exit() -> None:
+    """Have DVC remove its temporary clones when Python ends; until then, another call uses them again."""
+    from dvc.repo.open_repo import clean_repos
+
+    atexit.register(clean_repos)
 
 
 def _spoken(address: str, rev: str | None) -> str:
@@ -117,7 +145,7 @@ def _spoken(address: str, rev: str | None) -> str:
 @contextmanager
 def _dvc_errors(address: str, rev: str | None, path: Path | None) -> Iterator[None]:
     """Say in one sentence what DVC and git mean."""
-    from dvc.exceptions import DvcException, NoRemoteInExternalRepoError, NotDvcRepoError
+    from dvc.exceptions import DvcException, FileMissingError, NotDvcRepoError
     from dvc.scm import CloneError, RevError, SCMError
 
     place = _spoken(address, rev)
@@ -132,15 +160,10 @@ def _dvc_errors(address: str, rev: str | None, path: Path | None) -> Iterator[No
         raise UserError(f"{address} has no revision {rev}; name a branch, tag or commit that was pushed.") from error
     except NotDvcRepoError as error:
         raise UserError(f"{place} is no DVC project, so it has no grasps; check the address.") from error
-    except NoRemoteInExternalRepoError as error:
+    except (FileNotFoundError, FileMissingError) as error:
         raise UserError(
-            f"{address} names no DVC remote, so nobody can fetch its data; its owner runs `dvc remote add -d`, "
-            f"`dvc push` and commits .dvc/config."
-        ) from error
-    except FileNotFoundError as error:
-        raise UserError(
-            f"{path} of {place} is not there; ask its owner to commit dvc.lock and run `dvc push`, or choose other "
-            f"grasps or another revision."
+            f"{path} of {place} cannot be fetched; ask its owner to name a DVC remote in .dvc/config, to commit "
+            f"dvc.lock and to run `dvc push`, or choose other grasps or another revision."
         ) from error
     except (DvcException, SCMError, OSError, ImportError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
