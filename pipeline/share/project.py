@@ -145,8 +145,8 @@ def _spoken(address: str, rev: str | None) -> str:
 @contextmanager
 def _dvc_errors(address: str, rev: str | None, path: Path | None) -> Iterator[None]:
     """Say in one sentence what DVC and git mean."""
-    from dvc.exceptions import DvcException, FileMissingError, NotDvcRepoError
-    from dvc.scm import CloneError, RevError, SCMError
+    from dvc.exceptions import FileMissingError, NotDvcRepoError
+    from dvc.scm import CloneError, RevError
 
     place = _spoken(address, rev)
     try:
@@ -165,7 +165,9 @@ def _dvc_errors(address: str, rev: str | None, path: Path | None) -> Iterator[No
             f"{path} of {place} cannot be fetched; ask its owner to name a DVC remote in .dvc/config, to commit "
             f"dvc.lock and to run `dvc push`, or choose other grasps or another revision."
         ) from error
-    except (DvcException, SCMError, OSError, ImportError) as error:
+    except UserError:
+        raise
+    except Exception as error:  # plug-ins for storage raise whatever their libraries do
         reason = " ".join(str(error).split()) or type(error).__name__
         what = "the repository" if path is None else path
         raise UserError(f"cannot read {what} of {place}: {reason.rstrip('.')}.") from error
