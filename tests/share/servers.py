@@ -54,7 +54,8 @@ def sshd(folder: Path, home: Path) -> Iterator[str]:
     try:
         _wait_for(port, server, own / "log")
         user = subprocess.run(["id", "-un"], capture_output=True, text=True, check=True).stdout.strip()
-        yield f"ssh://{user}@127.0.0.1:{port}{folder}/storage"
+        (ours / "config").write_text(f"Host lab-server\n  HostName 127.0.0.1\n  Port {port}\n  User {user}\n")
+        yield f"ssh://lab-server{folder}/storage"
     finally:
         server.terminate()
         server.wait()

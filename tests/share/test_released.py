@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import h5py
 import numpy as np
 import pandas as pd
@@ -106,8 +108,7 @@ def test_a_pair_keeps_what_its_single_grasps_were(folder):
     with h5py.File("pairs-3-2.h5") as file:
         assert np.allclose(file["object_0_qpos"][:], np.stack(single["q"][of_three["grasp0_id"]]), atol=1e-6)
         # Global indices count through the links as the URDF names them: see how many candidates the links have.
-        order = sorted(range(len(hand.link_names)), key=lambda link: link)
-        owner = [link for link in order for _ in range(int((hand.contact_link == link).sum()))]
+        owner = [link for link in range(len(hand.link_names)) for _ in range(int((hand.contact_link == link).sum()))]
         found = [[owner[i] for i in row] for row in file["object_0_contact_point_indices"][:]]
         expected = [
             hand.contact_link[single["contact_candidates"][number]].tolist() for number in of_three["grasp0_id"]
@@ -148,6 +149,26 @@ def test_a_table_says_what_its_columns_mean(folder):
     schema = pq.read_schema("all.parquet")
     assert pd.read_parquet("all.parquet")["source"].value_counts().to_dict() == {"synthesized": 10, "learned": 10}
     assert all(schema.field(name).metadata[b"description"] for name in schema.names)
+
+
+def test_the_commands_and_the_snippet_of_the_page_do_what_it_says(folder, repository, capsys):
+    page = (repository / "docs/sharing.md").read_text()
+    commands = re.findall(r"^python -m pipeline\.share\.export (.+)$", page, flags=re.MULTILINE)
+    assert len(commands) == 3
+    for command in commands:
+        run(*command.split())
+    assert capsys.readouterr().out.split() == [
+        "grasps.parquet",
+        *("grasps-2-2.h5", "grasps-3-2.h5"),
+        *(f"meshes/{name}{suffix}" for name in ("can", "cube", "plum") for suffix in (".obj", ".stl")),
+        *("cube-2.h5", "cube-3.h5"),
+    ]
+    (snippet,) = re.findall(r"^```python\n(.*?)^```$", page, flags=re.MULTILINE | re.DOTALL)
+    exec(snippet, {})
+    assert re.search(r"^cube +can +4$", capsys.readouterr().out, re.MULTILINE)
+    with h5py.File("grasps-2-2.h5") as file:
+        named = set(re.findall(r"`((?:object_i_)?\w+)`", page))
+        assert {name.replace("_0_", "_i_").replace("_1_", "_i_") for name in file} <= named
 
 
 @pytest.mark.parametrize(
