@@ -126,7 +126,16 @@ def owner(place):
     return root
 
 
-@pytest.fixture(scope="module", params=["folder", "ssh", "s3"])
+everywhere = pytest.mark.parametrize("shared", ["folder", "ssh", "s3"], indirect=True, scope="module")
+slow_elsewhere = pytest.mark.parametrize(
+    "shared",
+    ["folder", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("ssh", "s3"))],
+    indirect=True,
+    scope="module",
+)
+
+
+@pytest.fixture(scope="module")
 def shared(request, place, owner):
     """The project, pushed to a remote of each kind."""
     root = place / request.param
@@ -169,6 +178,7 @@ def same(folder: Path, shared: Shared, path: Path) -> bool:
     return (folder / path).read_bytes() == (shared.owner / path).read_bytes()
 
 
+@everywhere
 def test_a_clone_restores_everything_and_runs_nothing(shared, clone, ran):
     dvc(clone, "repro", "--pull")
     assert ran() == []
@@ -178,6 +188,7 @@ def test_a_clone_restores_everything_and_runs_nothing(shared, clone, ran):
     assert "in sync" in dvc(clone, "status", "--cloud")
 
 
+@everywhere
 def test_one_object_s_grasps_can_be_pulled_alone(shared, clone):
     dvc(clone, "pull", "merge@cube")
     assert same(clone, shared, paths.merged_file("cube", "can"))
@@ -187,6 +198,7 @@ def test_one_object_s_grasps_can_be_pulled_alone(shared, clone):
     assert len(load_grasps(clone, first="cube")) == 4
 
 
+@everywhere
 def test_grasps_are_loaded_from_an_address_and_a_revision(shared, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     grasps = load_grasps(shared.address, "main", first="plum")
@@ -194,6 +206,7 @@ def test_grasps_are_loaded_from_an_address_and_a_revision(shared, tmp_path, monk
     assert list(tmp_path.iterdir()) == []
 
 
+@slow_elsewhere
 def test_another_project_gets_and_imports_grasps(shared, tmp_path):
     git(tmp_path, "init", "--quiet")
     dvc(tmp_path, "init", "--quiet")
@@ -207,6 +220,7 @@ def test_another_project_gets_and_imports_grasps(shared, tmp_path):
     assert dependency["repo"]["url"] == shared.address and len(dependency["repo"]["rev_lock"]) == 40
 
 
+@slow_elsewhere
 def test_what_somebody_tried_before_is_not_computed_again(shared, clone, ran):
     dvc(clone, "pull", "--run-cache")
     set_seed(clone, 2)
