@@ -196,6 +196,8 @@ def test_one_object_s_grasps_can_be_pulled_alone(shared, clone):
     fetched = [path for path in (clone / ".dvc/cache/files").rglob("*") if path.is_file()]
     assert len(fetched) == 2  # the list of the folder and its table
     assert len(load_grasps(clone, first="cube")) == 4
+    dvc(clone, "pull", "data/merge/plum/can.parquet")  # and one pair of an object
+    assert same(clone, shared, paths.merged_file("plum", "can"))
 
 
 @everywhere
@@ -218,6 +220,7 @@ def test_another_project_gets_and_imports_grasps(shared, tmp_path):
         ).read_bytes()
     (dependency,) = yaml.safe_load((tmp_path / "plum.dvc").read_text())["deps"]
     assert dependency["repo"]["url"] == shared.address and len(dependency["repo"]["rev_lock"]) == 40
+    dvc(tmp_path, "update", "plum.dvc")
 
 
 @slow_elsewhere
