@@ -126,13 +126,10 @@ def owner(place):
     return root
 
 
-everywhere = pytest.mark.parametrize("shared", ["folder", "ssh", "s3"], indirect=True, scope="module")
-slow_elsewhere = pytest.mark.parametrize(
-    "shared",
-    ["folder", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("ssh", "s3"))],
-    indirect=True,
-    scope="module",
-)
+# Most of what S3 costs are imports, of the server and of Amazon's client.
+SSH_SLOW, S3_SLOW = (pytest.param(kind, marks=pytest.mark.slow) for kind in ("ssh", "s3"))
+everywhere = pytest.mark.parametrize("shared", ["folder", "ssh", S3_SLOW], indirect=True, scope="module")
+slow_elsewhere = pytest.mark.parametrize("shared", ["folder", SSH_SLOW, S3_SLOW], indirect=True, scope="module")
 
 
 @pytest.fixture(scope="module")
@@ -188,7 +185,7 @@ def test_a_clone_restores_everything_and_runs_nothing(shared, clone, ran):
     assert "in sync" in dvc(clone, "status", "--cloud")
 
 
-@everywhere
+@slow_elsewhere
 def test_one_object_s_grasps_can_be_pulled_alone(shared, clone):
     dvc(clone, "pull", "merge@cube")
     assert same(clone, shared, paths.merged_file("cube", "can"))
