@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-COMMANDS = ("repro", "add-object", "test", "ui", "doctor", "lint", "compose", "capture", "replay")
+COMMANDS = ("repro", "add-object", "test", "ui", "doctor", "lint", "compose", "capture", "replay", "view")
 TOOLS = ("bash", "dirname", "sha256sum", "cat", "id", "grep", "env")
 
 
