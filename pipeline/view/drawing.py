@@ -60,7 +60,8 @@ class Drawing:
     lines: list[Lines] = field(default_factory=list)
     labels: list[tuple[str, NDArray[np.float64]]] = field(default_factory=list)  # text and place (3,)
     scenery: list[Solid] = field(default_factory=list)  # what the camera need not show whole
-    cells: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))  # middles of what a click chooses
+    cells: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))  # middles of what can be clicked
+    per_row: int = 1  # cells that belong to one row, which follow each other
     spacing: float = 0.0  # m between neighbouring cells
 
     def bounds(self) -> NDArray[np.float64]:
@@ -87,7 +88,7 @@ def translations(places: ArrayLike) -> NDArray[np.float64]:
 
 
 def picked(drawing: Drawing, origin: ArrayLike, direction: ArrayLike) -> int | None:
-    """Return which cell a click means: that nearest to the ray from ``origin`` (3,) along ``direction`` (3,), if near."""
+    """Return which row a click means: that of the cell nearest to the ray (both (3,)), None if no cell is near."""
     if not len(drawing.cells):
         return None
     along = np.asarray(direction, np.float64)
@@ -97,7 +98,7 @@ def picked(drawing: Drawing, origin: ArrayLike, direction: ArrayLike) -> int | N
     beside = np.linalg.norm(offset - depth[:, None] * along, axis=1)
     beside[depth <= 0] = np.inf
     nearest = int(beside.argmin())
-    return nearest if beside[nearest] <= PICK_RADIUS * drawing.spacing else None
+    return nearest // drawing.per_row if beside[nearest] <= PICK_RADIUS * drawing.spacing else None
 
 
 def camera(

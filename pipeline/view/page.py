@@ -458,7 +458,7 @@ def _bytes(colours: Any) -> Any:
 
 
 def _linear(colours: Any) -> Any:
-    """The browser takes colours of repeated meshes as linear light, unlike all others."""
+    """The browser takes colours of repeated meshes and of lines as linear light, unlike those of points."""
     return _bytes(np.asarray(colours) ** 2.2)
 
 
@@ -487,7 +487,7 @@ def _add(scene: Any, name: str, one: Any) -> Any:
             name, one.points, _bytes(one.colours), point_size=one.size, point_shape="circle", precision="float32"
         )
     if isinstance(one, Lines):
-        colours = np.repeat(_bytes(one.colours)[:, None], 2, axis=1)
+        colours = np.repeat(_linear(one.colours)[:, None], 2, axis=1)
         return scene.add_line_segments(name, one.ends, colours, thickness=2.5, thickness_units="screen")
     text, place = one
     return scene.add_label(name, text, position=place, anchor="top-center", font_screen_scale=0.8)

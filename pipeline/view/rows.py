@@ -85,6 +85,8 @@ def tidy_name(text: str) -> str:
     parts = text.strip().strip("/").removeprefix("data/").removesuffix(".parquet").split("/")
     if parts[0] in (*paths.SOURCES, paths.RECONSTRUCTED, HARDER.strip("/")):
         parts.insert(0, "evaluate")
+    if parts[0] == "reconstruct" and parts[2:3] == ["objects"]:
+        del parts[2]
     return "/".join(parts)
 
 

@@ -264,13 +264,19 @@ def _box(name: str, size: Sequence[float], centre: Sequence[float], colour: Colo
     return Solid(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), translations(centre), np.array([colour]))
 
 
+def _three_columns(count: int, spacing: float) -> NDArray[np.float64]:
+    """Return places (count, 3, 3): three beside each other per row."""
+    return grid(3 * count, spacing, columns=3).reshape(count, 3, 3)
+
+
 def objects_in_parts(objects: Sequence[PreparedObject]) -> Drawing:
     """Draw prepared objects, one per row: the mesh, its convex parts pulled apart, its surface samples."""
     spacing = 1.8 * max(float(prepared.extents.max()) for prepared in objects)
-    drawing = Drawing(cells=np.array([[spacing, -row * spacing, 0.05] for row in range(len(objects))]), spacing=spacing)
+    places = _three_columns(len(objects), spacing)
+    drawing = Drawing(cells=places.reshape(-1, 3), per_row=3, spacing=spacing)
     for row, prepared in enumerate(objects):
-        T = translations([[column * spacing, -row * spacing, -prepared.bottom] for column in range(3)])
-        drawing.solids.append(_object(prepared, T[:1], STEEL, 1.0, len(objects) == 1))
+        T = translations(places[row] - [0, 0, prepared.bottom])
+        drawing.solids.append(_object(prepared, T[:1], STEEL, 1.0, single=True))
         drawing.solids.extend(_parts(prepared, T[1], APART))
         there = transform_points(T[2], prepared.surface_points)
         drawing.clouds.append(
@@ -292,10 +298,11 @@ def reconstructions(
         found: with the true mesh in the scene frame, and the distance (n,), m, of every sample from it, where known.
     """
     spacing = 1.8 * max(float(np.ptp(item.vertices, axis=0).max()) for item, _, _ in found)
-    drawing = Drawing(cells=np.array([[spacing, -row * spacing, 0.05] for row in range(len(found))]), spacing=spacing)
+    places = _three_columns(len(found), spacing)
+    drawing = Drawing(cells=places.reshape(-1, 3), per_row=3, spacing=spacing)
     for row, (item, truth, distance) in enumerate(found):
         bottom = float(item.vertices[:, 2].min())
-        T = translations([[column * spacing, -row * spacing, -bottom] for column in range(3)])
+        T = translations(places[row] - [0, 0, bottom])
         most = ONE_OBJECT if len(found) == 1 else MANY_OBJECT
         surface = fewer_faces((item.vertices, item.faces), most)
         drawing.solids.append(Solid(f"photos/{item.name}", *surface, T[:1], np.array([STEEL])))

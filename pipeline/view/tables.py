@@ -53,6 +53,8 @@ class Table:
     @property
     def name(self) -> str:
         """How the names of its rows begin, such as ``validate/pinch/cube``."""
+        if self.view == RECONSTRUCTIONS:
+            return f"reconstruct/{self.source}/{self.first}"
         return "/".join(self.file.with_suffix("").parts[1:])
 
 

@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[2]
 # docs/capture.md has YAML that is not of params.yaml; tests/reconstruct/test_captures.py reads it.
 NAMING_PAGES = ("README.md", "data/raw/README.md", "docs/adding-an-object.md", "docs/departures.md", "docs/harder.md")
 # docs/metrics.md: its names are held by tests/report/test_summary.py
-PAGES = (*NAMING_PAGES, "docs/metrics.md", "docs/replay.md")
+PAGES = (*NAMING_PAGES, "docs/metrics.md", "docs/replay.md", "docs/view.md")
 STAGES = declared_stages(ROOT)
 OPTIONS = {option for action in command_line()._actions for option in action.option_strings}  # of ./dev add-object
 # Made by `./dev`, by `track`, or by a user; words that are no names of this project.
