@@ -111,6 +111,6 @@ def camera(
         field_of_view: vertical, rad.
         from_front: from -y, for things side by side; otherwise from the right.
     """
-    azimuth, elevation = (-90.0, 38.0) if from_front else (-55.0, 22.0)
+    azimuth, elevation = (-90.0, 50.0) if from_front else (-55.0, 22.0)
     seen = framing(drawing.bounds(), azimuth, elevation, aspect, float(np.degrees(field_of_view)), margin=1.05)
     return seen.position, seen.target

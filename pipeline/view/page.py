@@ -36,6 +36,7 @@ from pipeline.view.tables import (
 )
 
 FIELD_OF_VIEW = 32.0  # degrees, vertical
+USUAL_ASPECT = 1.4  # width over height of a canvas before it is known
 REFRESH = 0.2  # s between looks whether to end
 MOST_SIDE_BY_SIDE, MOST_ON_TOP = 48, 500  # at once; the arrows lead to the next
 MOST_SENTENCES = 3
@@ -121,23 +122,25 @@ class Page:
         self.server.initial_camera.fov = float(np.radians(FIELD_OF_VIEW))
         self._add_controls()
         self.update()
+        self.server.on_client_connect(self._aim_one)
 
     # Choosing ---------------------------------------------------------------------------------------------------
 
     def _choose(self, text: str) -> None:
-        """Turn to the row that ``text`` names, with its table around it."""
+        """Turn to the row that ``text`` names, among those of its table; to many at once where it names a table."""
         name = rows.tidy_name(text)
         view = rows.view_of(name)
         index, sentences = self.library.index(view)
         if index.empty and sentences:
             raise UserError(sentences[0])
-        line = index[index["name"] == rows.find(index, name)].iloc[0]
+        row = rows.find(index, name)
+        line = index[index["name"] == row].iloc[0]
         self.view, self.filters = view, dict.fromkeys(rows.FILTERS, rows.ANY)
         if view not in (OBJECTS, RECONSTRUCTIONS):
             self.filters |= {column: line[column] for column in ("source", "style", "first", "second")}
         chosen = rows.selected(index, self.filters)
         self.place = chosen["name"].tolist().index(line["name"])
-        self.arrangement, self.moment = scenes.ONE, -1
+        self.arrangement, self.moment = scenes.ONE if row == name else ARRANGEMENTS[view][0], -1
 
     def go_to(self, text: str) -> None:
         """Show the row that ``text`` names, or say why not."""
@@ -397,26 +400,29 @@ class Page:
 
     def _aim(self) -> None:
         """Point all cameras at the whole drawing."""
+        for client in [None, *self.server.get_clients().values()]:
+            self._aim_one(client)
+
+    def _aim_one(self, client: Any) -> None:
+        """Point the camera of one browser, or (None) of those that will come, at the whole drawing."""
         from pipeline.evaluate.video import CAMERA_POSITION, CAMERA_TARGET
 
-        initial = self.server.initial_camera
-        for client in [None, *self.server.get_clients().values()]:
-            aspect = 1.2 if client is None else float(client.camera.aspect)
+        with self._lock:
+            aspect = USUAL_ASPECT if client is None else float(client.camera.aspect)
             if self.view == TRIALS_VIEW:
                 position, target = np.array(CAMERA_POSITION), np.array(CAMERA_TARGET)
             else:
                 front = self.arrangement == scenes.SIDE_BY_SIDE or self.view in (OBJECTS, RECONSTRUCTIONS)
                 position, target = camera(self.drawing, aspect, np.radians(FIELD_OF_VIEW), front)
-            where: Any = initial if client is None else client.camera
+            where: Any = self.server.initial_camera if client is None else client.camera
             where.position, where.look_at = position, target
 
     def _click(self, event: Any) -> None:
         with self._lock:
             chosen = picked(self.drawing, event.ray_origin, event.ray_direction)
-            size = MOST_SIDE_BY_SIDE
             if chosen is None or self.arrangement != scenes.SIDE_BY_SIDE:
                 return
-            self.place = rows.page_of(len(self.chosen), self.place, size)[0] + chosen
+            self.place = rows.page_of(len(self.chosen), self.place, MOST_SIDE_BY_SIDE)[0] + chosen
             self.arrangement = scenes.ONE
             self.update()
 

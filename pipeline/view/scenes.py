@@ -26,7 +26,7 @@ from pipeline.view.drawing import Cloud, Drawing, Lines, Solid, grid, translatio
 from pipeline.view.rows import FAILED, Colour
 from pipeline.view.shapes import COARSE_OBJECT, MANY_OBJECT, ONE_OBJECT, fewer_faces, hands, robot, sticks
 
-CELL = 0.36  # m between grasps side by side: hand and object need less
+CELL = 0.32  # m between grasps side by side: hand and object need less
 PALM_YAW = np.radians(-62.0)  # of the hand's frame in the world: the palm, +x, looks at the camera
 STEEL: Colour = (0.62, 0.66, 0.72)
 TRUTH: Colour = (0.45, 0.68, 0.52)
@@ -78,7 +78,7 @@ def _places(count: int, arrangement: str) -> NDArray[np.float64]:
 def _labels(
     numbers: Sequence[int], places: NDArray[np.float64], height: float
 ) -> list[tuple[str, NDArray[np.float64]]]:
-    return [(f"#{number}", place + [0, -0.3 * CELL, height]) for number, place in zip(numbers, places, strict=True)]
+    return [(f"#{number}", place + [0, -0.4 * CELL, height]) for number, place in zip(numbers, places, strict=True)]
 
 
 def grasps_on_objects(
@@ -232,7 +232,7 @@ def merged_grasps(
         there = transform_points(T_world_hand[0], contact_candidates(q[0]))
         drawing.clouds.append(Cloud("candidates", there, np.tile(CANDIDATE, (len(there), 1)), 0.003))
     if arrangement == SIDE_BY_SIDE:
-        labels = _labels([row["merged_id"] for row in rows], places, -0.06)
+        labels = _labels([row["merged_id"] for row in rows], places, 0.0)
         drawing = replace(drawing, labels=labels, cells=places + [0, 0, 0.1], spacing=CELL)
     return drawing
 

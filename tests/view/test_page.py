@@ -157,6 +157,8 @@ def test_page_leads_through_every_view(page: Page) -> None:
     assert page.heading.content == "**validate/pinch/cube/3** (4 of 4)"
 
     page.go_to("merge/cube/soup_can")
+    assert page.heading.content.startswith("rows 1 to 3 of 3") and shown(page, "label") == {"000", "001", "002"}
+    page.go_to("merge/cube/soup_can/0")
     assert page.heading.content == "**merge/cube/soup_can/0** (1 of 3)"
     assert {"object0/cube", "object1/soup_can"} <= shown(page, "solid")
     assert page.related_links == {"pinch": "validate/pinch/cube/0", "side": "validate/side/soup_can/0"}
