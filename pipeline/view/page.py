@@ -11,6 +11,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -197,7 +198,7 @@ class Page:
         self._on(self.view_choice, lambda: self._turn_to(self.view_choice.value))
         self._on(self.arrangement_choice, lambda: setattr(self, "arrangement", self.arrangement_choice.value))
         for column, choice in self.filter_choices.items():
-            self._on(choice, lambda column=column, choice=choice: self._filter(column, choice.value))
+            self._on(choice, partial(self._take_filter, column))
         for choice in (self.joints_choice, *self.layer_choices.values()):
             self._on(choice, lambda: None)
         self._on(self.moment_choice, self._take_moment)
@@ -222,6 +223,9 @@ class Page:
     def _filter(self, column: str, text: str) -> None:
         self.filters[column] = rows.ANY if text.startswith(f"{ALL} (") else text.rpartition(" (")[0]
         self.place = 0
+
+    def _take_filter(self, column: str) -> None:
+        self._filter(column, self.filter_choices[column].value)
 
     def _take_moment(self) -> None:
         self.moment = self.moment_choice.options.index(self.moment_choice.value)
