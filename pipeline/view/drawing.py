@@ -67,7 +67,7 @@ class Drawing:
     def bounds(self) -> NDArray[np.float64]:
         """Return points (n, 3) that enclose it, without the scenery."""
         parts = [solid.corners() for solid in self.solids] + [cloud.points for cloud in self.clouds]
-        parts += [line.ends.reshape(-1, 3) for line in self.lines]
+        parts += [line.ends.reshape(-1, 3) for line in self.lines] + [place[None] for _, place in self.labels]
         points = np.concatenate(parts) if parts else np.zeros((0, 3))
         return points if len(points) else np.array([[-0.1, -0.1, 0.0], [0.1, 0.1, 0.2]])
 
@@ -112,5 +112,5 @@ def camera(
         from_front: from -y, for things side by side; otherwise from the right.
     """
     azimuth, elevation = (-90.0, 50.0) if from_front else (-55.0, 22.0)
-    seen = framing(drawing.bounds(), azimuth, elevation, aspect, float(np.degrees(field_of_view)), margin=1.05)
+    seen = framing(drawing.bounds(), azimuth, elevation, aspect, float(np.degrees(field_of_view)), margin=1.08)
     return seen.position, seen.target
