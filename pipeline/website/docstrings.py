@@ -10,7 +10,8 @@ import griffe
 
 # An entry of ``Args:`` for several parameters at once: "    firsts, seconds: ...".
 _SEVERAL = re.compile(r"^(?P<indent> +)(?P<names>\w+(?:, \w+)+): (?P<text>.*(?:\n(?P=indent) +\S.*)*)", re.MULTILINE)
-_CODE_OR_TAG = re.compile(r"(`+).+?\1|<(?=[\w/])", re.DOTALL)
+# A literal block, a span of code, or what a browser would take for a tag.
+_CODE_OR_TAG = re.compile(r":(?P<block>:\n\n(?: {4}.*\n?|\n)+)|(?P<code>`+)(?:.|\n)+?(?P=code)|<(?=[\w/])")
 
 
 def one_by_one(docstring: str) -> str:
@@ -23,8 +24,8 @@ def one_by_one(docstring: str) -> str:
 
 
 def without_tags(docstring: str) -> str:
-    """Return the docstring with names such as <object> outside code kept as text."""
-    return _CODE_OR_TAG.sub(lambda match: match[0] if match[1] else "&lt;", docstring)
+    """Return the docstring with names such as <object> outside code kept as text, and ``::`` before a block as ``:``."""
+    return _CODE_OR_TAG.sub(lambda match: match["block"] or ("&lt;" if match[0] == "<" else match[0]), docstring)
 
 
 def comment_on(attribute: griffe.Attribute) -> str:
