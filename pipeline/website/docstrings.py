@@ -24,7 +24,7 @@ def one_by_one(docstring: str) -> str:
 
 
 def without_tags(docstring: str) -> str:
-    """Return the docstring with names such as <object> outside code kept as text, and ``::`` before a block as ``:``."""
+    """Return the docstring with names such as <object> outside code kept as text, and ``:`` for ``::``."""
     return _CODE_OR_TAG.sub(lambda match: match["block"] or ("&lt;" if match[0] == "<" else match[0]), docstring)
 
 

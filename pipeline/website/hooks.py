@@ -46,31 +46,39 @@ def expanded(nav: Any, names: list[str]) -> Any:
 def on_config(config: MkDocsConfig) -> None:
     """Fill in the navigation's patterns."""
     written = sorted(str(path.relative_to(config.docs_dir)) for path in Path(config.docs_dir).rglob("*.md"))
-    config.nav = expanded(config.nav, [*written, *made_pages()])
+    config.nav = expanded(config.nav, [*written, *(f"reference/{room}.md" for room in reference.rooms(ROOT))])
+
+
+def linked_outside(origins: list[str]) -> dict[str, str]:
+    """Return what pages link to outside docs/, and what those pages link to in turn: the file by its name on the site."""
+    found: dict[str, str] = {}
+    waiting = list(origins)
+    while waiting:
+        origin = waiting.pop()
+        for target in links.targets((ROOT / origin).read_text(), origin):
+            page = links.page_of(target, ROOT) if (ROOT / target).exists() else ""
+            if page.startswith(links.OUTSIDE) and page not in found:
+                found[page] = target
+                waiting += [target] if target.endswith(".md") else []
+    return found
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the front page, the reference, and what pages link to outside docs/."""
+    """Add the front page, the reference, the site's own assets, and what pages link to outside docs/."""
+    origins = [links.FRONT, *(links.DOCS + file.src_uri for file in files.documentation_pages() if written(file))]
     files.append(File.generated(config, "index.md", content=(ROOT / links.FRONT).read_text()))
     for name, text in made_pages().items():
         files.append(File.generated(config, name, content=text))
     for name in ASSETS:
         files.append(File.generated(config, f"assets/{name}", abs_src_path=str(Path(__file__).with_name(name))))
-    waiting = [links.FRONT, *(links.DOCS + file.src_uri for file in files.documentation_pages() if written(file))]
-    seen = set()
-    while waiting:
-        origin = waiting.pop()
-        for target in links.targets((ROOT / origin).read_text(), origin):
-            page = links.page_of(target, ROOT) if (ROOT / target).exists() else ""
-            if not page.startswith(links.OUTSIDE) or page in seen:
-                continue
-            seen.add(page)
-            source = {"abs_src_path": str(ROOT / target)}
-            text = links.listing(ROOT / target)
-            file = File.generated(config, page, **({"content": text} if text else source))
-            file.inclusion = InclusionLevel.NOT_IN_NAV
-            files.append(file)
-            waiting += [target] if target.endswith(".md") else []
+    for page, target in linked_outside(origins).items():
+        listing = links.listing(ROOT / target)
+        if listing is None:
+            file = File.generated(config, page, abs_src_path=str(ROOT / target))
+        else:
+            file = File.generated(config, page, content=listing)
+        file.inclusion = InclusionLevel.NOT_IN_NAV
+        files.append(file)
     return files
 
 

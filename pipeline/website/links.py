@@ -17,7 +17,7 @@ _ELSEWHERE = re.compile(r"[a-z]+:|/|#", re.IGNORECASE)
 
 
 def repository_file(target: str, origin: str) -> str | None:
-    """Return the file, from the repository's root, that ``target`` in the file ``origin`` names; None: a web address."""
+    """Return the file, from the root, that ``target`` in the file ``origin`` names; None for an address elsewhere."""
     if _ELSEWHERE.match(target):
         return None
     return posixpath.normpath(posixpath.join(posixpath.dirname(origin), target.split("#")[0]))

@@ -124,8 +124,8 @@ def parameters(model: type[BaseModel]) -> str:
     """Return the page of all parameters of a model such as ``records.parameters.Parameters``."""
     lines = [
         "# Parameters\n",
-        "Every field of `params.yaml`, from the types in `pipeline/records/parameters/` that check it. *Default* is of a "
-        "field that is left out; `./dev compose` writes all fields, with the values of a scale of `conf/`.\n",
+        "Every field of `params.yaml`, from the types in `pipeline/records/parameters/` that check it. *Default* is "
+        "of a field that is left out; `./dev compose` writes all fields, with the values of a scale of `conf/`.\n",
     ]
     for path, meaning, rows in _sections(model, ""):
         lines += [f"## {path.replace('<', '&lt;') or 'params.yaml'}\n", meaning + "\n"]

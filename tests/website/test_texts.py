@@ -74,9 +74,9 @@ def test_a_pattern_in_the_navigation_may_fit_nothing():
 
 
 def test_parameters_explained_together_are_explained_one_by_one():
-    text = "Do it.\n\nArgs:\n    low, high: (3,), m,\n        of the box\n    third: x, y: z\n"
+    text = "Args:\n    low, high: (3,), m,\n        of the box\n    third: x, y: z\n"
     assert one_by_one(text) == (
-        "Do it.\n\nArgs:\n    low: (3,), m,\n        of the box\n    high: (3,), m,\n        of the box\n    third: x, y: z\n"
+        "Args:\n    low: (3,), m,\n        of the box\n    high: (3,), m,\n        of the box\n    third: x, y: z\n"
     )
 
 
