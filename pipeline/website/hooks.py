@@ -50,7 +50,7 @@ def on_config(config: MkDocsConfig) -> None:
 
 
 def linked_outside(origins: list[str]) -> dict[str, str]:
-    """Return what pages link to outside docs/, and what those pages link to in turn: the file by its name on the site."""
+    """Return files outside docs/ that pages link to, and those that these link to, by their names on the site."""
     found: dict[str, str] = {}
     waiting = list(origins)
     while waiting:
