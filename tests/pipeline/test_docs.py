@@ -39,6 +39,7 @@ MADE_ELSEWHERE = {
     "dvc.lock",
     "mlflow.db",
     "data/raw/mug.stl",
+    "data/validate/pinch/bobbin.parquet",
     "data/prepare/<object>/object.json",
     "metrics.json",
     "plan/plan.json",
