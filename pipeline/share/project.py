@@ -1,0 +1,221 @@
+"""Files of a project that has grasps: a working folder, or any revision of a git repository with its DVC remote.
+
+What is read may come from strangers: only YAML and parquet are parsed (neither can execute anything), names are checked
+before they become paths, and every table must have the columns of its schema.
+"""
+
+from __future__ import annotations
+
+import atexit
+import io
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Protocol
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import yaml
+
+from pipeline.records import paths
+from pipeline.records.errors import UserError
+from pipeline.records.parameters import OBJECT_NAME
+
+STYLES = ("pinch", "side")
+
+
+class Project(Protocol):
+    """Where files come from."""
+
+    def read(self, path: Path, made_by: str) -> bytes:
+        """Return the content of a file, ``path`` relative to the project's root.
+
+        Args:
+            made_by: the DVC stage that writes the file, '' for a file that git keeps.
+
+        Raises:
+            UserError: it cannot be had.
+        """
+        ...
+
+    def where(self, path: Path) -> str:
+        """Return how errors name the file."""
+        ...
+
+
+@dataclass(frozen=True)
+class WorkingFolder:
+    """A clone as it lies on disk, whatever it holds."""
+
+    folder: Path
+
+    def where(self, path: Path) -> str:
+        """Return how errors name the file."""
+        return str(self.folder / path)
+
+    def read(self, path: Path, made_by: str) -> bytes:
+        """Return the content of a file; see :class:`Project`."""
+        try:
+            return (self.folder / path).read_bytes()
+        except FileNotFoundError as error:
+            mend = (
+                f"run `dvc pull {made_by}` there to fetch it, or `dvc repro {made_by}` to compute it"
+                if made_by
+                else "name the folder of a clone of this project, or the address of its git repository"
+            )
+            raise UserError(f"{self.where(path)} is missing; {mend}.") from error
+        except OSError as error:
+            raise UserError(f"cannot read {self.where(path)}: {error.strerror}.") from error
+
+
+@dataclass(frozen=True)
+class PublishedRevision:
+    """A revision of a git repository; data come from its DVC remote, or from the cache where it is a local clone."""
+
+    address: str
+    rev: str | None
+    files: Any  # dvc.api.DVCFileSystem
+
+    def where(self, path: Path) -> str:
+        """Return how errors name the file."""
+        return f"{path} of {_spoken(self.address, self.rev)}"
+
+    def read(self, path: Path, made_by: str) -> bytes:
+        """Return the content of a file; see :class:`Project`."""
+        from dvc_data.index import DataIndexDirError
+
+        with _dvc_errors(self.address, self.rev, path):
+            try:
+                return self.files.read_bytes(path.as_posix())
+            except DataIndexDirError as error:  # of a folder's list; its cause is what the storage said
+                raise (error.__cause__ or FileNotFoundError()) from error
+            except FileNotFoundError as error:
+                if made_by:
+                    raise
+                raise UserError(
+                    f"{self.where(path)} is not there, so it is no project of two-object grasps; check the address and "
+                    "the revision."
+                ) from error
+
+
+@contextmanager
+def open_project(repository: str | os.PathLike[str] = ".", rev: str | None = None) -> Iterator[Project]:
+    """Yield where the files of ``repository`` come from.
+
+    Args:
+        repository: the folder of a clone, or what `git clone` takes: an address, or a bare repository.
+        rev: branch, tag or commit; when left out, the files of a clone as they are, or the default branch.
+
+    Raises:
+        UserError: there is no such repository or revision.
+    """
+    folder = Path(repository)
+    if rev is None and folder.is_dir() and not (folder / "HEAD").is_file():
+        yield WorkingFolder(folder)
+        return
+    address = os.fspath(repository)
+    with _dvc_errors(address, rev, None):
+        from dvc.api import DVCFileSystem
+
+        _remove_clones_at_exit()
+        files = DVCFileSystem(address, rev=rev)
+        files.exists(paths.PARAMETERS_FILE.as_posix())  # clones, and finds the revision
+    try:
+        yield PublishedRevision(address, rev, files)
+    finally:
+        files.close()
+
+
+@cache
+def _remove_clones_at_exit() -> None:
+    """Have DVC remove its temporary clones when Python ends; until then, another call uses them again."""
+    from dvc.repo.open_repo import clean_repos
+
+    atexit.register(clean_repos)
+
+
+def _spoken(address: str, rev: str | None) -> str:
+    return address if rev is None else f"{address} at {rev}"
+
+
+@contextmanager
+def _dvc_errors(address: str, rev: str | None, path: Path | None) -> Iterator[None]:
+    """Say in one sentence what DVC and git mean."""
+    from dvc.exceptions import FileMissingError, NotDvcRepoError
+    from dvc.scm import CloneError, RevError
+
+    place = _spoken(address, rev)
+    try:
+        yield
+    except CloneError as error:
+        raise UserError(
+            f"there is no git repository at {address} that can be read; check the address and that "
+            f"`git ls-remote {address}` works."
+        ) from error
+    except RevError as error:
+        raise UserError(f"{address} has no revision {rev}; name a branch, tag or commit that was pushed.") from error
+    except NotDvcRepoError as error:
+        raise UserError(f"{place} is no DVC project, so it has no grasps; check the address.") from error
+    except (FileNotFoundError, FileMissingError) as error:
+        raise UserError(
+            f"{path} of {place} cannot be fetched; ask its owner to name a DVC remote in .dvc/config, to commit "
+            f"dvc.lock and to run `dvc push`, or choose other grasps or another revision."
+        ) from error
+    except UserError:
+        raise
+    except Exception as error:  # plug-ins for storage raise whatever their libraries do
+        reason = " ".join(str(error).split()) or type(error).__name__
+        what = "the repository" if path is None else path
+        raise UserError(f"cannot read {what} of {place}: {reason.rstrip('.')}.") from error
+
+
+def objects_of(project: Project) -> dict[str, list[str]]:
+    """Return the objects of both styles that the project's params.yaml names, in its order.
+
+    Tables of objects that it no longer names may still lie in a working folder; they are no part of the data set.
+
+    Raises:
+        UserError: params.yaml is missing, or is none of this project.
+    """
+    place = project.where(paths.PARAMETERS_FILE)
+    try:
+        content = yaml.safe_load(project.read(paths.PARAMETERS_FILE, made_by=""))
+        found = {style: list(content["styles"][style]) for style in STYLES}
+    except (yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+        raise UserError(
+            f"{place} does not list objects under `styles`, so it is no project of two-object grasps."
+        ) from error
+    for name in (name for style in STYLES for name in found[style]):
+        if not isinstance(name, str) or not OBJECT_NAME.fullmatch(name):
+            raise UserError(f"{place} names an object {name!r}; names have small letters, digits and underscores.")
+    return found
+
+
+def read_columns(project: Project, path: Path, columns: pa.Schema, made_by: str) -> pd.DataFrame:
+    """Return ``columns`` of a parquet table; other columns are left out.
+
+    Raises:
+        UserError: the table is missing or damaged, or lacks a column or has one of another type.
+    """
+    content = project.read(path, made_by)
+    try:
+        table = pq.read_table(io.BytesIO(content))
+    except (pa.ArrowException, OSError) as error:
+        raise UserError(f"{project.where(path)} is damaged or no parquet file; fetch or make it again.") from error
+    missing = [name for name in columns.names if name not in table.column_names]
+    if missing:
+        raise UserError(
+            f"{project.where(path)} has no column {missing[0]}: another version of this project made it; load it with "
+            "that version."
+        )
+    try:
+        return table.select(columns.names).cast(columns).to_pandas(ignore_metadata=True)
+    except (pa.ArrowException, ValueError) as error:
+        raise UserError(
+            f"{project.where(path)} has columns of other types than this version expects; load it with the version "
+            "that made it."
+        ) from error
