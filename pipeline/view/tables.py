@@ -1,0 +1,156 @@
+"""Which tables and folders there are to look at, by params.yaml, and the stage that makes each.
+
+A row is named by where it lies under ``data/``: ``validate/pinch/cube/17`` is the grasp 17 of
+``data/validate/pinch/cube.parquet``. Tables of trials hold several pairs, so the second object stands before the
+number, and the first one too where it differs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyarrow as pa
+
+from pipeline.records import paths
+from pipeline.records.parameters import Parameters
+from pipeline.records.parameters.harder import overridden
+from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED
+
+OBJECTS, CANDIDATES_VIEW, VALIDATED_VIEW = "objects", "candidates", "validated grasps"
+MERGED_VIEW, TRIALS_VIEW, RECONSTRUCTIONS = "merged grasps", "robot trials", "reconstructions"
+VIEWS = (OBJECTS, CANDIDATES_VIEW, VALIDATED_VIEW, MERGED_VIEW, TRIALS_VIEW, RECONSTRUCTIONS)
+# The first parts of the names of a view's rows.
+PREFIXES = {
+    "prepare": OBJECTS,
+    "synthesize": CANDIDATES_VIEW,
+    "validate": VALIDATED_VIEW,
+    "merge": MERGED_VIEW,
+    "train": MERGED_VIEW,
+    "train_reconstructed": MERGED_VIEW,
+    "evaluate": TRIALS_VIEW,
+    "reconstruct": RECONSTRUCTIONS,
+}
+GRASP_FOLDERS = {"synthesized": "merge", "learned": "train", paths.RECONSTRUCTED: "train_reconstructed"}
+HARDER = "harder/"  # how the sources of harder trials begin
+
+
+@dataclass(frozen=True)
+class Table:
+    """One parquet file, or one folder that holds a single thing (then ``schema`` is None)."""
+
+    view: str
+    file: Path
+    stage: str  # DVC stage that makes it
+    schema: pa.Schema | None = None
+    number: str = ""  # column with the numbers of rows
+    source: str = ""  # of grasps and trials: who made them; of reconstructions: the capture
+    style: str = ""
+    first: str = ""  # the object, or the first of the pair
+    second: str = ""  # '' where rows name it
+
+    @property
+    def name(self) -> str:
+        """How the names of its rows begin, such as ``validate/pinch/cube``."""
+        if self.view == RECONSTRUCTIONS:
+            return f"reconstruct/{self.source}/{self.first}"
+        return "/".join(self.file.with_suffix("").parts[1:])
+
+
+def known_tables(parameters: Parameters) -> list[Table]:
+    """Return everything that the pipeline makes with these parameters, whether it is there yet or not."""
+    return [
+        *_objects(parameters),
+        *_grasps(parameters),
+        *_pairs(parameters),
+        *_trials(parameters),
+        *_photos(parameters),
+    ]
+
+
+def _objects(parameters: Parameters) -> list[Table]:
+    stages = {name: f"prepare@{name}" for name in parameters.objects}
+    stages |= {name: f"prepare-mesh@{name}" for name in parameters.meshes}
+    return [Table(OBJECTS, paths.prepared_folder(name), stage, first=name) for name, stage in sorted(stages.items())]
+
+
+def _grasps(parameters: Parameters) -> list[Table]:
+    styles = {"pinch": parameters.styles.pinch, "side": parameters.styles.side}
+    return [
+        Table(view, file_of(style, name), f"{stage}-{style}@{name}", schema, "grasp_id", style=style, first=name)
+        for view, file_of, stage, schema in (
+            (CANDIDATES_VIEW, paths.candidates_file, "synthesize", CANDIDATES),
+            (VALIDATED_VIEW, paths.validated_file, "validate", VALIDATED),
+        )
+        for style, names in styles.items()
+        for name in names
+    ]
+
+
+def _pairs(parameters: Parameters) -> list[Table]:
+    every = dict.fromkeys(parameters.styles.pinch, parameters.styles.side)
+    photographed = {first: item.side for first, item in parameters.reconstructed.items()}
+    return [
+        Table(MERGED_VIEW, file_of(first, second), f"{stage}@{first}", MERGED, "merged_id", source, "", first, second)
+        for source, file_of, stage, pairs in (
+            ("synthesized", paths.merged_file, "merge", every),
+            ("learned", paths.sampled_file, "sample", every),
+            (paths.RECONSTRUCTED, paths.reconstructed_file, "sample-reconstructed", photographed),
+        )
+        for first, seconds in pairs.items()
+        for second in seconds
+    ]
+
+
+def _trials(parameters: Parameters) -> list[Table]:
+    firsts: dict[str, Sequence[str]] = dict.fromkeys(paths.SOURCES, parameters.styles.pinch)
+    firsts[paths.RECONSTRUCTED] = list(parameters.reconstructed)
+    standard = [
+        Table(
+            TRIALS_VIEW,
+            paths.trials_file(source, first),
+            f"evaluate-{source}@{first}",
+            TRIALS,
+            "trial",
+            source,
+            "",
+            first,
+        )
+        for source, names in firsts.items()
+        for first in names
+    ]
+    harder = [
+        Table(TRIALS_VIEW, paths.harder_file(name), f"evaluate-harder@{name}", TRIALS, "trial", HARDER + name)
+        for name in parameters.harder.settings
+    ]
+    return standard + harder
+
+
+def _photos(parameters: Parameters) -> list[Table]:
+    return [
+        Table(
+            RECONSTRUCTIONS,
+            paths.reconstruction_folder(capture) / "objects" / name,
+            f"reconstruct@{capture}",
+            source=capture,
+            first=name,
+        )
+        for capture in parameters.captures
+        for name in _photographed(parameters, capture)
+    ]
+
+
+def _photographed(parameters: Parameters, capture: str) -> list[str]:
+    """Objects of a capture: as it is rendered, or, of real photos, as far as they have been reconstructed."""
+    if capture in parameters.renderings:
+        return sorted(parameters.renderings[capture].objects)
+    return sorted(path.name for path in (paths.reconstruction_folder(capture) / "objects").glob("*"))
+
+
+def sponge_height(parameters: Parameters, source: str) -> float:
+    """Return the height of the sponge, m, on which the objects of a source's trials stand."""
+    settings = parameters.evaluate
+    if source.startswith(HARDER):
+        settings = overridden(settings, parameters.harder.settings[source.removeprefix(HARDER)].evaluate)
+    return settings.sponge_height

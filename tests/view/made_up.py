@@ -1,0 +1,49 @@
+"""A made-up box as a prepared object, and a project of small tables."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import trimesh
+import yaml
+
+from pipeline.records.objects import PreparedObject
+
+
+def box(name: str, extents: tuple[float, float, float]) -> PreparedObject:
+    """A box whose two halves along x are its convex parts."""
+    mesh = trimesh.creation.box(extents)
+    x, y, z = extents
+    halves = [trimesh.creation.box((x / 2, y, z)).apply_translation((side * x / 4, 0, 0)) for side in (-1, 1)]
+    corners = np.asarray(mesh.vertices, np.float64)
+    return PreparedObject(
+        name=name,
+        vertices=corners,
+        faces=np.asarray(mesh.faces, np.int64),
+        parts=tuple((np.asarray(half.vertices, np.float64), np.asarray(half.faces, np.int64)) for half in halves),
+        distance=np.zeros((2, 2, 2), np.float32),
+        distance_origin=np.zeros(3),
+        distance_spacing=0.1,
+        surface_points=corners,
+        surface_normals=corners / np.linalg.norm(corners, axis=1, keepdims=True),
+        mass=0.1,
+        inertia=np.eye(3) * 1e-5,
+        volume=float(np.prod(extents)),
+        extents=np.array(extents),
+        provenance={"licence": "CC0"},
+    )
+
+
+def write_parameters(repository: Path, folder: Path) -> None:
+    """A params.yaml with one pair, one capture and one harder setting."""
+    shutil.copy(repository / "params.yaml", folder)
+    values = yaml.safe_load((folder / "params.yaml").read_text())
+    values["styles"] = {"pinch": ["cube"], "side": ["soup_can"]}
+    values["objects"] = {name: values["objects"][name] for name in ("cube", "soup_can")}
+    demo = values["renderings"]["demo"]
+    demo["objects"] = {name: demo["objects"][name] for name in ("cube", "soup_can")}
+    values["reconstructed"] = {"cube": {"capture": "demo", "side": ["soup_can"]}}
+    values["harder"]["pairs"] = [["cube", "soup_can"]]
+    values["harder"]["settings"] = {"placement": values["harder"]["settings"]["placement"]}
+    values["harder"]["settings"]["placement"]["evaluate"]["sponge_height"] = 0.07
+    (folder / "params.yaml").write_text(yaml.safe_dump(values))

@@ -1,0 +1,257 @@
+"""What the page reads, says and shows: with made-up tables in this process, and served for real in another."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pipeline.records import paths
+from pipeline.records.errors import UserError
+from pipeline.records.objects import write_prepared_object
+from pipeline.records.parameters import read_parameters
+from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED, write_table
+from pipeline.view import browse, facts, scenes
+from pipeline.view.library import Library
+from pipeline.view.page import Page
+from pipeline.view.tables import (
+    CANDIDATES_VIEW,
+    MERGED_VIEW,
+    OBJECTS,
+    RECONSTRUCTIONS,
+    TRIALS_VIEW,
+    VALIDATED_VIEW,
+    VIEWS,
+    sponge_height,
+)
+from tests.report import made_up
+from tests.view.made_up import box, write_parameters
+
+
+@pytest.fixture
+def bare(repository: Path, empty_folder: Path) -> Path:
+    """A project in which no stage has run."""
+    write_parameters(repository, empty_folder)
+    return empty_folder
+
+
+@pytest.fixture
+def project(bare: Path) -> Path:
+    """One in which stages have run, but neither those of learned grasps nor those of photos."""
+    for name, extents in (("cube", (0.04, 0.04, 0.04)), ("soup_can", (0.06, 0.06, 0.1))):
+        write_prepared_object(paths.prepared_folder(name), box(name, extents))
+    for style, name in (("pinch", "cube"), ("side", "soup_can")):
+        write_table(paths.candidates_file(style, name), made_up.candidates(style, name), CANDIDATES)
+        write_table(paths.validated_file(style, name), made_up.validated(style, name), VALIDATED)
+    write_table(paths.merged_file("cube", "soup_can"), made_up.merged("cube", "soup_can"), MERGED)
+    write_table(paths.trials_file("synthesized", "cube"), made_up.trials("cube", ["soup_can"]), TRIALS)
+    write_table(paths.harder_file("placement"), made_up.trials("cube", ["soup_can"]), TRIALS)
+    return bare
+
+
+@pytest.fixture
+def page(project: Path):
+    """The page of that project."""
+    page = Page(Library(read_parameters()), "127.0.0.1", 18080)
+    yield page
+    page.close()
+
+
+def shown(page: Page, kind: str) -> set[str]:
+    return {name.removeprefix(f"/{kind}/") for name in page._shown if name.startswith(f"/{kind}/")}
+
+
+def test_every_missing_table_names_the_stage_that_makes_it(bare: Path) -> None:
+    library = Library(read_parameters())
+    said = {view: " ".join(library.index(view)[1]) for view in VIEWS}
+    for view, stages in {
+        OBJECTS: ["prepare@cube", "prepare@soup_can"],
+        CANDIDATES_VIEW: ["synthesize-pinch@cube", "synthesize-side@soup_can"],
+        VALIDATED_VIEW: ["validate-pinch@cube", "validate-side@soup_can"],
+        MERGED_VIEW: ["merge@cube", "sample@cube", "sample-reconstructed@cube"],
+        TRIALS_VIEW: [
+            "evaluate-synthesized@cube",
+            "evaluate-learned@cube",
+            "evaluate-reconstructed@cube",
+            "evaluate-harder@placement",
+        ],
+        RECONSTRUCTIONS: ["reconstruct@demo"],
+    }.items():
+        assert all(f"run `dvc repro {stage}` to make it" in said[view] for stage in stages), said[view]
+
+
+def test_stages_that_are_named_exist(bare: Path, repository: Path) -> None:
+    import yaml
+
+    stages = set(yaml.safe_load((repository / "dvc.yaml").read_text())["stages"])
+    assert {table.stage.split("@")[0] for table in Library(read_parameters()).tables.values()} <= stages
+
+
+def test_index_names_every_row(project: Path) -> None:
+    library = Library(read_parameters())
+    validated = library.index(VALIDATED_VIEW)[0]
+    assert list(validated["name"][:4]) == [f"validate/pinch/cube/{number}" for number in range(4)]
+    assert list(validated["fate"][:4]) == ["passed", "gravity:-x", "distance", "passed"]
+    trials = library.index(TRIALS_VIEW)[0].set_index("name")
+    assert list(trials.index[:3]) == [f"evaluate/synthesized/cube/soup_can/{number}" for number in range(3)]
+    assert list(trials["outcome"][:3]) == ["success", "failure", "failure"]
+    assert trials.loc["evaluate/harder/placement/cube/soup_can/2", "fate"] == "dropped in hold"
+    assert sponge_height(library.parameters, "harder/placement") == 0.07
+    assert sponge_height(library.parameters, "learned") == 0.1
+
+
+def test_a_row_is_that_of_the_table(project: Path) -> None:
+    library = Library(read_parameters())
+    line = library.index(MERGED_VIEW)[0].iloc[1]
+    assert line["name"] == "merge/cube/soup_can/1"
+    np.testing.assert_array_equal(library.row(line)["q"], np.full(16, 0.1))
+
+
+def test_tables_are_read_again_when_they_change_and_only_then(project: Path) -> None:
+    library = Library(read_parameters())
+    line = library.index(MERGED_VIEW)[0].iloc[2]
+    assert library.index(MERGED_VIEW)[0].equals(library.index(MERGED_VIEW)[0])
+    first = library._once("index", paths.merged_file("cube", "soup_can"), lambda: pytest.fail("was not kept"))
+    assert len(first) == 3
+    write_table(paths.merged_file("cube", "soup_can"), made_up.merged("cube", "soup_can", accepted=1), MERGED)
+    assert len(library.index(MERGED_VIEW)[0]) == 2
+    with pytest.raises(UserError, match="has no row 2 any more"):
+        library.row(line)
+
+
+def test_a_damaged_table_is_a_sentence_beside_the_others(project: Path) -> None:
+    paths.candidates_file("pinch", "cube").write_bytes(b"PAR1 and nothing more")
+    index, sentences = Library(read_parameters()).index(CANDIDATES_VIEW)
+    assert set(index["first"]) == {"soup_can"}
+    assert len(sentences) == 1 and "damaged" in sentences[0] and "`dvc repro synthesize-pinch@cube`" in sentences[0]
+
+
+def test_page_begins_with_the_objects(page: Page) -> None:
+    assert {"object/cube", "object/soup_can", "part/cube/01"} <= shown(page, "solid")
+    assert not page.notice.visible and page.view_choice.value == OBJECTS
+
+
+def test_page_leads_through_every_view(page: Page) -> None:
+    page._act(lambda: page._turn_to(VALIDATED_VIEW))
+    assert page.legend.content.count(": 4<") == 1  # passed; distance: 2, gravity: 2
+    assert shown(page, "label") == {f"{number:03d}" for number in range(8)}
+    page._act(lambda: page._filter("fate", "gravity:-x (2)"))
+    assert page.heading.content.startswith("rows 1 to 2 of 2")
+    assert list(page.filter_choices["style"].options) == ["all (2)", "pinch (1)", "side (1)"]
+    page._act(lambda: page._filter("style", "side (1)"))
+    assert page.heading.content.startswith("rows 1 to 1 of 1") and "object/cube" not in shown(page, "solid")
+
+    page.go_to("validate/pinch/cube/1")
+    assert page.heading.content == "**validate/pinch/cube/1** (2 of 4)" and "gravity:-x" in page.text.content
+    assert shown(page, "cloud") == {"contacts"} and page.layer_choices["contacts"].visible
+    page._act(lambda: page._step(1))
+    assert page.heading.content == "**validate/pinch/cube/2** (3 of 4)"
+    page._act(lambda: page._step(-3))
+    assert page.heading.content == "**validate/pinch/cube/3** (4 of 4)"
+
+    page.go_to("merge/cube/soup_can")
+    assert page.heading.content.startswith("rows 1 to 3 of 3") and shown(page, "label") == {"000", "001", "002"}
+    page.go_to("merge/cube/soup_can/0")
+    assert page.heading.content == "**merge/cube/soup_can/0** (1 of 3)"
+    assert {"object0/cube", "object1/soup_can"} <= shown(page, "solid")
+    assert page.related_links == {"pinch": "validate/pinch/cube/0", "side": "validate/side/soup_can/0"}
+    assert page.notice.visible is False or "sample" in page.notice.content
+
+    page.go_to("synthesized/cube/soup_can/1")
+    assert "plan second" in page.text.content and "`./dev replay synthesized/cube/soup_can/1`" in page.text.content
+    assert [text.split(". ")[1] for text in page.moment_choice.options] == ["settle", "close first"]
+    assert page.related_links == {"its grasp": "merge/cube/soup_can/1"}
+    assert "object0/cube" in shown(page, "solid") and not shown(page, "label")
+
+
+def test_page_says_what_it_cannot_show_and_stays(page: Page) -> None:
+    page._act(lambda: page._turn_to(RECONSTRUCTIONS))
+    assert "run `dvc repro reconstruct@demo`" in page.notice.content and not page._shown
+    page.go_to("merge/cube/soup_can/9")
+    assert "there is no row" in page.notice.content
+    paths.prepared_folder("cube").joinpath("object.json").unlink()
+    page.go_to("merge/cube/soup_can/0")
+    assert "run `dvc repro prepare@cube`" in page.notice.content and page.notice.visible
+
+
+def test_a_click_leads_to_the_row(page: Page) -> None:
+    page._act(lambda: page._turn_to(CANDIDATES_VIEW))
+    where = page.drawing.cells[6]
+    page._click(SimpleNamespace(ray_origin=tuple(where + [0, -1, 1]), ray_direction=(0, 1, -1)))
+    assert page.arrangement == scenes.ONE and page.heading.content.startswith("**synthesize/side/soup_can/2**")
+
+
+def test_moving_on_sends_no_mesh_again(page: Page) -> None:
+    page.go_to("merge/cube/soup_can/0")
+    before = {name: handle for name, (_, handle) in page._shown.items()}
+    page._act(lambda: page._step(1))
+    assert {name: handle for name, (_, handle) in page._shown.items()} == before
+    tip = page._shown["/solid/hand/05"]
+    np.testing.assert_allclose(tip[1].batched_positions, tip[0].T_world[:, :3, 3], atol=1e-6)
+
+
+def test_numbers_are_told_in_the_units_that_they_name() -> None:
+    row = {"rejected_by": "table:drift", "fingers": "thumb+index", "energy": 0.25, "table_drift": 0.0234}
+    told = facts.grasp_facts(row | {"gravity_drift": np.array([0.001, 0.0123])})
+    assert "**table:drift**: the object moved" in told
+    assert "| table drift | 23.40 mm |" in told and "| energy | 0.250 |" in told
+    assert "| worst gravity drift | 12.30 mm |" in told
+    assert facts.replay_command("evaluate/harder/placement/cube/soup_can/2") == ""
+
+
+def test_server_starts_where_no_stage_has_run(bare: Path, repository: Path) -> None:
+    """As a user starts it; a browser's first steps are made: the page over HTTP, then the scene over a websocket."""
+    environment = os.environ | {"PYTHONPATH": str(repository)}
+    command = [sys.executable, "-m", "pipeline.view.browse", "--port", "18090"]
+    server = subprocess.Popen(
+        command, cwd=bare, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        address = server.stdout.readline().split()[0]
+        with urllib.request.urlopen(address, timeout=30) as answer:
+            assert answer.status == 200 and b"<html" in answer.read().lower()
+        assert b"dvc repro prepare@cube" in first_text(address)
+    finally:
+        server.send_signal(signal.SIGINT)
+        _, errors = server.communicate(timeout=60)
+    assert server.returncode == 0 and not errors
+
+
+def first_text(address: str) -> bytes:
+    """The text of what the server sends first: a header of two lengths, compressed messages, then raw arrays."""
+    import viser
+    import zstandard
+    from websockets.sync.client import connect
+
+    url = address.replace("http://", "ws://")
+    with connect(url, subprotocols=[f"viser-v{viser.__version__}"], max_size=None) as socket:
+        message = socket.recv(timeout=30)
+    length = int.from_bytes(message[8:16], "little")
+    return zstandard.ZstdDecompressor().decompress(message[16 : 16 + length])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["merge/cube/soup_can/3"], "data/merge/cube/soup_can.parquet is missing; run `dvc repro merge@cube`"),
+        (["nonsense"], "'nonsense' names no row"),
+        (["--host", "203.0.113.1"], "nothing can be served on --host 203.0.113.1"),
+    ],
+)
+def test_command_says_in_one_sentence_why_not(bare: Path, capsys, arguments: list[str], told: str) -> None:
+    assert browse.main(arguments) == browse.UNUSABLE
+    errors = capsys.readouterr().err
+    assert errors.startswith("view: ") and told in errors and errors.count("\n") == 1
+
+
+def test_wrong_port_is_refused(capsys) -> None:
+    with pytest.raises(SystemExit):
+        browse.main(["--port", "0"])
+    assert "--port must be 1 to 65535" in capsys.readouterr().err
