@@ -211,7 +211,14 @@ def test_server_starts_where_no_stage_has_run(bare: Path, repository: Path) -> N
     environment = os.environ | {"PYTHONPATH": str(repository)}
     command = [sys.executable, "-m", "pipeline.view.browse", "--port", "18090"]
     server = subprocess.Popen(
-        command, cwd=bare, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        command,
+        cwd=bare,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        # Tests that run in the background of a shell are deaf to Ctrl-C, and would pass this on.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     try:
         address = server.stdout.readline().split()[0]
