@@ -8,6 +8,7 @@ from typing import Any
 
 import pandas as pd
 
+from pipeline.records.parameters.harder import SOURCE_OF
 from pipeline.report.paper import (
     MEAN_SUCCESS,
     MINIMUM_SUCCESS,
@@ -117,7 +118,7 @@ def harder(trials: pd.DataFrame, parameters: Parameters) -> str:
     """Successes of the pairs of harder settings beside those of the same standard trials."""
     section = parameters["harder"]
     pairs = [(first, second) for first, second in section["pairs"]]
-    sources = {name: "synthesized" if one["grasps"] == "data/merge" else "learned" for name, one in settings(section)}
+    sources = {name: SOURCE_OF[one["grasps"]] for name, one in section["settings"].items()}
     standard = list(dict.fromkeys(sources.values()))
     same = trials[trials["trial"] < section["trials"]]
     columns = {
@@ -138,11 +139,6 @@ def harder(trials: pd.DataFrame, parameters: Parameters) -> str:
     )
     rows.append(["no motion found", *(str(sum(p.planning_failures for p in own)) for own in columns.values())])
     return markdown([f"successes of {section['trials']} trials", *columns], rows)
-
-
-def settings(section: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
-    """Return the harder settings by name."""
-    return list(section["settings"].items())
 
 
 def single_grasps(summary: Mapping[str, Any], durations: Mapping[str, Any], parameters: Parameters) -> str:
@@ -219,7 +215,7 @@ def published_tables(
         "success": headline(trials, pairs),
         "synthesized": matrix(trials, "synthesized", parameters),
         "learned": matrix(trials, "learned", parameters),
-        "failures": failures(trials, [*STANDARD, *(name for name, _ in settings(parameters["harder"]))]),
+        "failures": failures(trials, [*STANDARD, *parameters["harder"]["settings"]]),
         "harder": harder(trials, parameters),
         "single_grasps": single_grasps(summary, durations, parameters),
         "merges": merges(summary, parameters),
