@@ -1,6 +1,6 @@
 """What each way to make trials succeed is worth: the same pairs, numbers and seeds, one thing changed at a time.
 
-    python benchmarks/evaluation_levers.py --pairs 16 --trials 6 [--setting friction_0_6] [--levers grasps_as_they_come ...]
+    python benchmarks/evaluation_levers.py --pairs 16 --trials 6 [--setting friction_0_6] [--levers NAME ...]
 
 Needs a finished run: the standard trials are read from ``data/evaluate`` (with ``--setting``: those of that harder
 setting), the others are run on ``data/prepare`` and ``data/merge``. Writes ``reports/evaluation_levers.csv`` (with
