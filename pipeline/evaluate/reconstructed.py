@@ -18,6 +18,7 @@ from pipeline.records.captures import read_truth
 from pipeline.records.errors import UserError
 from pipeline.records.objects import PreparedObject
 from pipeline.records.poses import inverse_pose, transform_points
+from pipeline.records.reading import read_vertices
 from pipeline.records.reconstructions import load_reconstructed_object
 
 LARGEST_DIFFERENCE = 1e-4  # m between corners of the same mesh; files hold single precision
@@ -44,21 +45,15 @@ def true_from_reconstructed(capture: str, prepared: PreparedObject) -> NDArray[n
     Raises:
         UserError: the reconstruction or the truth is missing, or shows another object than the prepared one.
     """
-    import trimesh
-
     reconstructed = load_reconstructed_object(capture, prepared.name)
     truth = read_truth(paths.capture_folder(capture))
     source = truth.surfaces.get(prepared.name) if truth else None
+    mend = f"run `dvc repro capture@{capture}`"
     if source is None:
-        raise UserError(
-            f"{paths.capture_folder(capture)}/gt does not hold {prepared.name}.ply; run `dvc repro capture@{capture}`."
-        )
-    mesh = trimesh.load_mesh(source, process=False)
-    T_scene_true = pose_of_same_mesh(prepared.vertices, np.asarray(mesh.vertices, np.float64))
+        raise UserError(f"{paths.capture_folder(capture)}/gt does not hold {prepared.name}.ply; {mend}.")
+    T_scene_true = pose_of_same_mesh(prepared.vertices, read_vertices(source, mend))
     if T_scene_true is None:
-        raise UserError(
-            f"{source} is not the object in {paths.prepared_folder(prepared.name)}; run `dvc repro capture@{capture}`."
-        )
+        raise UserError(f"{source} is not the object in {paths.prepared_folder(prepared.name)}; {mend}.")
     return inverse_pose(T_scene_true) @ reconstructed.T_scene_object
 
 

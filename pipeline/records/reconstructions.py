@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.objects import write_mesh
+from pipeline.records.reading import read_json
 from pipeline.records.writing import whole_folder, write_json
 
 SURFACES = "-surfaces.jpg"
@@ -125,14 +126,7 @@ def load_reconstruction_metrics(capture: str) -> dict[str, Any]:
         UserError: it is missing or damaged.
     """
     source = paths.reconstruction_folder(capture) / "metrics.json"
-    mend = f"run `dvc repro reconstruct@{capture}`"
-    try:
-        content = json.loads(source.read_text())
-    except FileNotFoundError as error:
-        raise UserError(f"{source} is missing; {mend}.") from error
-    except ValueError as error:
-        raise UserError(f"{source} is damaged ({error}); delete it and {mend}.") from error
-    return dict(content)
+    return read_json(source, f"run `dvc repro reconstruct@{capture}`")
 
 
 def load_reconstruction_pictures(capture: str) -> dict[str, tuple[bytes, bytes]]:

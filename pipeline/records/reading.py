@@ -1,0 +1,51 @@
+"""Files that stages wrote, read with one sentence where they are missing or damaged."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.records.errors import UserError
+
+
+def read_json(source: Path, mend: str) -> dict[str, Any]:
+    """Read a JSON file that holds one object.
+
+    Args:
+        mend: what the user should do, such as ``run `dvc repro report```.
+
+    Raises:
+        UserError: it is missing or damaged.
+    """
+    try:
+        content = json.loads(source.read_text())
+    except FileNotFoundError as error:
+        raise UserError(f"{source} is missing; {mend}.") from error
+    except (OSError, ValueError) as error:
+        raise UserError(f"{source} is damaged ({error}); delete it and {mend}.") from error
+    if not isinstance(content, dict):
+        raise UserError(f"{source} is damaged (it holds no object); delete it and {mend}.")
+    return content
+
+
+def read_vertices(source: Path, mend: str) -> NDArray[np.float64]:
+    """Return the vertices (V, 3) of a mesh, in the order of the file.
+
+    Raises:
+        UserError: it is missing or damaged.
+    """
+    import trimesh
+
+    if not source.exists():
+        raise UserError(f"{source} is missing; {mend}.")
+    try:
+        vertices = np.asarray(trimesh.load_mesh(source, process=False).vertices, np.float64)
+    except (ValueError, TypeError, LookupError, EOFError, OSError) as error:
+        raise UserError(f"{source} is damaged ({error}); delete it and {mend}.") from error
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.isfinite(vertices).all():
+        raise UserError(f"{source} is damaged (it holds no points); delete it and {mend}.")
+    return vertices
