@@ -120,7 +120,8 @@ class _Tab:
                 self.console_errors.append(" ".join([entry["text"], entry.get("url", "")]).strip())
             case "Network.requestWillBeSent":
                 self._urls[content["requestId"]] = content["request"]["url"]
-                self._open.add(content["requestId"])
+                if not content["request"]["url"].startswith("blob:"):  # the end of a worker's script is not told
+                    self._open.add(content["requestId"])
             case "Network.responseReceived":
                 if content["response"]["status"] >= 400:
                     self.failed_requests.append(f"{content['response']['status']} {content['response']['url']}")
@@ -214,7 +215,7 @@ def _rest(tab: _Tab, ready: str) -> None:
     while time.monotonic() < end:
         if tab.listen(QUIET) and tab.loaded and tab.evaluate(f"Boolean({ready})"):
             return
-    raise TimeoutError(f"the page did not come to rest with {ready} in {PATIENCE:.0f} s; it shows: {_shown(tab)}")
+    raise TimeoutError(f"the page did not come to rest with {ready}, in {PATIENCE:.0f} s; it shows: {_shown(tab)}")
 
 
 def _shown(tab: _Tab) -> str:

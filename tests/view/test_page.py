@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
@@ -31,6 +32,7 @@ from pipeline.view.tables import (
     VIEWS,
     sponge_height,
 )
+from tests.browser import needs_chromium, open_page
 from tests.report import made_up
 from tests.view.made_up import box, write_parameters
 
@@ -262,3 +264,20 @@ def test_wrong_port_is_refused(capsys) -> None:
     with pytest.raises(SystemExit):
         browse.main(["--port", "0"])
     assert "--port must be 1 to 65535" in capsys.readouterr().err
+
+
+@pytest.mark.render
+@needs_chromium
+def test_browser_shows_a_merged_grasp_without_a_network(page: Page, tmp_path: Path) -> None:
+    page.go_to("merge/cube/soup_can/0")
+    seen = open_page(
+        "http://127.0.0.1:18080",
+        width=1000,
+        height=700,
+        screenshot=tmp_path / "view.png",
+        ready="document.body.innerText.includes('merge/cube/soup_can/0')",
+    )
+    assert seen.console_errors == [] and seen.failed_requests == []
+    assert "passed all checks" in seen.text and "held by thumb + index, then ring + palm" in seen.text
+    scene = np.asarray(Image.open(tmp_path / "view.png").convert("RGB"), float)[200:, :670]  # beside the panel
+    assert (scene.min(axis=2) < 240).mean() > 0.15, "hand and objects fill a good part of an otherwise white scene"
