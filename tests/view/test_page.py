@@ -278,6 +278,7 @@ def test_browser_shows_a_merged_grasp_without_a_network(page: Page, tmp_path: Pa
         ready="document.body.innerText.includes('merge/cube/soup_can/0')",
     )
     assert seen.console_errors == [] and seen.failed_requests == []
-    assert "passed all checks" in seen.text and "held by thumb + index, then ring + palm" in seen.text
+    words = " ".join(seen.text.split())
+    assert "passed all checks" in words and "held by thumb + index, then ring + palm" in words
     scene = np.asarray(Image.open(tmp_path / "view.png").convert("RGB"), float)[200:, :670]  # beside the panel
     assert (scene.min(axis=2) < 240).mean() > 0.15, "hand and objects fill a good part of an otherwise white scene"
