@@ -131,7 +131,15 @@ def test_every_dependency_is_imported_somewhere(repository):
         "griffelib": "griffe",
     }
     # used as commands, files, options
-    not_imported = {"ruff", "mypy", "mani-skill", "pytest-xdist", "mkdocs-material", "mkdocstrings-python"}
+    not_imported = {
+        "ruff",
+        "mypy",
+        "mani-skill",
+        "pytest-xdist",
+        "mkdocs-material",
+        "mkdocstrings-python",
+        "ruamel.yaml",
+    }
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
     text = "\n".join(
         path.read_text() for room in ("pipeline", "tests", "benchmarks") for path in (repository / room).rglob("*.py")
