@@ -1,14 +1,17 @@
 """Bad input to the commands of all stages: one sentence, at once, and nothing half-written."""
 
 import os
+import runpy
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
+from pathlib import Path
 
 import pytest
 import yaml
 
-from tests.pipeline.conftest import WorkingCopy, copy_of_sources
+from tests.pipeline.conftest import WorkingCopy
 from tests.pipeline.declared import HEAVY
 
 COMMANDS = {
@@ -29,19 +32,39 @@ each_stage = pytest.mark.parametrize("room", COMMANDS)
 
 @pytest.fixture
 def sandbox(repository, tmp_path) -> WorkingCopy:
-    """Sources that a test may change."""
-    return copy_of_sources(repository, tmp_path / "repository")
+    """A folder with the parameters of the repository, which a test may change, and nothing computed."""
+    (tmp_path / "repository/data/raw").mkdir(parents=True)
+    shutil.copy(repository / "params.yaml", tmp_path / "repository")
+    return WorkingCopy(tmp_path / "repository")
 
 
-def run(sandbox: WorkingCopy, room: str, *arguments: str):
-    """Run a stage's command; print the heavy packages that it loaded as the last line of stdout."""
+@pytest.fixture
+def run(sandbox, monkeypatch, capfd):
+    """Run a stage's command in the sandbox, in this process: what it loads is loaded once for all tests."""
+
+    def in_this_process(room: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+        name = f"pipeline.{room}"
+        spec = find_spec(f"{name}.__main__" if find_spec(name).submodule_search_locations else name)
+        monkeypatch.chdir(sandbox.root)
+        monkeypatch.setattr(sys, "argv", [name, *arguments])
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as end:
+            runpy.run_path(spec.origin, run_name="__main__")
+        return subprocess.CompletedProcess(sys.argv, end.value.code, *capfd.readouterr())
+
+    return in_this_process
+
+
+def run_and_tell_what_was_loaded(repository: Path, sandbox: WorkingCopy, room: str, *arguments: str):
+    """Run a stage's command as a user does; print the heavy packages that it loaded as the last line of stdout."""
     code = (
         "import atexit, runpy, sys\n"
         f"atexit.register(lambda: print('LOADED', *[name for name in {sorted(HEAVY)!r} if name in sys.modules]))\n"
         f"sys.argv = ['pipeline.{room}', *{list(arguments)!r}]\n"
         f"runpy.run_module('pipeline.{room}', run_name='__main__', alter_sys=True)\n"
     )
-    return sandbox.command(sys.executable, "-c", code)
+    environment = {**os.environ, "PYTHONPATH": str(repository)}
+    return sandbox.command(sys.executable, "-c", code, env=environment)
 
 
 def assert_one_sentence(done, *words: str) -> None:
@@ -53,95 +76,99 @@ def assert_one_sentence(done, *words: str) -> None:
 
 
 @each_stage
-def test_every_command_explains_itself(sources, room):
-    done = sources.command(sys.executable, "-m", f"pipeline.{room}", "--help")
+def test_every_command_explains_itself(run_module, room):
+    done = run_module(f"pipeline.{room}", "--help")
     assert done.returncode == 0
     assert f"python -m pipeline.{room}" in done.stdout
 
 
 @each_stage
-def test_a_misspelt_parameter_is_found_before_anything_heavy_loads(sandbox, room):
+def test_a_misspelt_parameter_is_found_before_anything_heavy_loads(repository, sandbox, room):
     content = sandbox.parameters()
     content["synthesize"]["pinch"]["chainz"] = 5
     sandbox.write_parameters(content)
-    done = run(sandbox, room, *COMMANDS[room])
+    done = run_and_tell_what_was_loaded(repository, sandbox, room, *COMMANDS[room])
     assert_one_sentence(done, "params.yaml: synthesize.pinch.chainz: unknown parameter (misspelt?)")
     assert done.stdout.split() == ["LOADED"]
     assert not (sandbox / "data/prepare").exists()
 
 
 @each_stage
-def test_a_value_out_of_range_is_named(sandbox, room):
+def test_a_value_out_of_range_is_named(sandbox, run, room):
     content = sandbox.parameters()
     content["physics"]["object_friction"] = -0.5
     sandbox.write_parameters(content)
-    assert_one_sentence(run(sandbox, room, *COMMANDS[room]), "physics.object_friction", "greater than or equal to 0")
+    assert_one_sentence(run(room, *COMMANDS[room]), "physics.object_friction", "greater than or equal to 0")
 
 
 @pytest.mark.parametrize("room", [room for room in COMMANDS if room != "prepare"])
-def test_missing_inputs_are_named_with_the_command_that_makes_them(sandbox, room):
+def test_missing_inputs_are_named_with_the_command_that_makes_them(sandbox, run, room):
     before = sorted((sandbox / "data").rglob("*"))
-    done = run(sandbox, room, *COMMANDS[room])
+    done = run(room, *COMMANDS[room])
     assert_one_sentence(done, "is missing", "dvc repro")
     assert sorted((sandbox / "data").rglob("*")) == before
 
 
-def test_an_unknown_object_is_answered_with_the_known_ones(sandbox):
-    done = run(sandbox, "prepare", "--object", "dragon")
+def test_an_unknown_object_is_answered_with_the_known_ones(sandbox, run):
+    done = run("prepare", "--object", "dragon")
     assert_one_sentence(done, "no object 'dragon'", "cube, plum, slender_cylinder, soup_can")
 
 
 @pytest.mark.parametrize("room", [room for room, own in COMMANDS.items() if "--object" in own and room != "prepare"])
-def test_an_unprepared_object_is_named(sandbox, room):
-    done = run(sandbox, room, *COMMANDS[room][:-1], "dragon")
+def test_an_unprepared_object_is_named(sandbox, run, room):
+    done = run(room, *COMMANDS[room][:-1], "dragon")
     assert_one_sentence(done, "dragon")
 
 
-def test_a_style_that_names_an_unknown_object_stops_every_stage(sandbox):
+def test_a_style_that_names_an_unknown_object_stops_every_stage(sandbox, run):
     content = sandbox.parameters()
     content["styles"]["side"].append("dragon")
     sandbox.write_parameters(content)
-    assert_one_sentence(run(sandbox, "merge", "--object", "cube"), "styles.side names the unknown object 'dragon'")
+    assert_one_sentence(run("merge", "--object", "cube"), "styles.side names the unknown object 'dragon'")
 
 
-def test_a_missing_mesh_file_is_named(sandbox):
+def test_a_missing_mesh_file_is_named(sandbox, run):
     content = sandbox.parameters()
     content["meshes"]["mug"] = {"file": "data/raw/mug.stl"}
     sandbox.write_parameters(content)
-    assert_one_sentence(run(sandbox, "prepare", "--mesh", "mug"), "data/raw/mug.stl")
+    assert_one_sentence(run("prepare", "--mesh", "mug"), "data/raw/mug.stl")
     assert not (sandbox / "data/prepare").exists()
 
 
-def test_a_file_that_is_no_mesh_is_named(sandbox):
+def test_a_file_that_is_no_mesh_is_named(sandbox, run):
     content = sandbox.parameters()
     content["meshes"]["mug"] = {"file": "data/raw/mug.stl"}
     sandbox.write_parameters(content)
     (sandbox / "data/raw/mug.stl").write_text("this is no mesh")
-    assert_one_sentence(run(sandbox, "prepare", "--mesh", "mug"), "data/raw/mug.stl")
+    assert_one_sentence(run("prepare", "--mesh", "mug"), "data/raw/mug.stl")
     assert list((sandbox / "data/prepare").glob("*")) == []
 
 
-def test_an_unknown_scan_is_named(sandbox):
+def test_an_unknown_scan_is_named(sandbox, run):
     content = sandbox.parameters()
     content["objects"]["mug"] = {"ycb": "999_mug"}
     sandbox.write_parameters(content)
-    assert_one_sentence(run(sandbox, "prepare", "--object", "mug"), "999_mug")
+    assert_one_sentence(run("prepare", "--object", "mug"), "999_mug")
 
 
-def test_a_file_in_the_way_of_the_output_is_named(sandbox):
+def test_a_file_in_the_way_of_the_output_is_named(sandbox, run):
     (sandbox / "data/prepare").write_text("a file, not a folder")
-    assert_one_sentence(run(sandbox, "prepare", "--object", "cube"), "cannot write data/prepare/cube")
+    assert_one_sentence(run("prepare", "--object", "cube"), "cannot write data/prepare/cube")
     assert (sandbox / "data/prepare").read_text() == "a file, not a folder"
 
 
 @pytest.mark.skipif(os.geteuid() != 0 or not shutil.which("unshare"), reason="a read-only mount needs root")
-def test_a_read_only_output_folder_is_named(sandbox):
+def test_a_read_only_output_folder_is_named(repository, sandbox):
     folder = sandbox / "data/prepare"
     folder.mkdir()
     script = f"mount --bind {folder} {folder} && mount -o remount,ro,bind {folder} && exec "
     command = f"{sys.executable} -m pipeline.prepare --object cube"
     done = subprocess.run(
-        ["unshare", "--mount", "sh", "-c", script + command], cwd=sandbox.root, capture_output=True, text=True
+        ["unshare", "--mount", "sh", "-c", script + command],
+        cwd=sandbox.root,
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(repository)},
     )
     if "ermitted" in done.stderr or "ermission denied" in done.stderr:
         pytest.skip("this machine lets nobody mount")
@@ -150,27 +177,27 @@ def test_a_read_only_output_folder_is_named(sandbox):
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_an_output_folder_without_write_permission_is_named(sandbox):
+def test_an_output_folder_without_write_permission_is_named(sandbox, run):
     folder = sandbox / "data/prepare"
     folder.mkdir(mode=0o555)
-    assert_one_sentence(run(sandbox, "prepare", "--object", "cube"), "the folder is read-only")
+    assert_one_sentence(run("prepare", "--object", "cube"), "the folder is read-only")
 
 
-def test_params_that_are_no_yaml_are_one_sentence(sandbox):
+def test_params_that_are_no_yaml_are_one_sentence(sandbox, run):
     (sandbox / "params.yaml").write_text("seed: [1\n")
-    assert_one_sentence(run(sandbox, "merge", "--object", "cube"), "params.yaml is not valid YAML")
+    assert_one_sentence(run("merge", "--object", "cube"), "params.yaml is not valid YAML")
 
 
-def test_outside_the_repository_the_place_is_named(sandbox, tmp_path):
+def test_outside_the_repository_the_place_is_named(repository, tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "pipeline.merge", "--object", "cube"],
         cwd=tmp_path,
         capture_output=True,
         text=True,
-        env={**os.environ, "PYTHONPATH": str(sandbox.root)},
+        env={**os.environ, "PYTHONPATH": str(repository)},
     )
     assert_one_sentence(done, "params.yaml is missing; run in the repository's root")
 
 
-def test_the_committed_parameters_parse(sources):
-    assert yaml.safe_load((sources / "params.yaml").read_text())["scale"] == "demo"
+def test_the_committed_parameters_parse(repository):
+    assert yaml.safe_load((repository / "params.yaml").read_text())["scale"] == "demo"
