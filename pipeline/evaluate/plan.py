@@ -180,7 +180,7 @@ def _placed(names: tuple[str, str], places: Places, settings: EvaluateParameters
 def _captured(names: tuple[str, str], places: Places, settings: EvaluateParameters) -> Table:
     """Return all objects of a capture as photos show them, standing on the sponge as they stood on their support."""
     from pipeline.evaluate.proposal import StandingObject, Table
-    from pipeline.evaluate.scene import SPONGE_X, without_grid
+    from pipeline.evaluate.scene import SPONGE_X
     from pipeline.records.reconstructions import load_reconstructed_object, load_reconstruction_metrics
     from pipeline.records.solids import object_of_reconstruction
 
@@ -199,7 +199,7 @@ def _captured(names: tuple[str, str], places: Places, settings: EvaluateParamete
     standing = {}
     for name in shown:
         item = load_reconstructed_object(places.capture, name)
-        prepared = without_grid(object_of_reconstruction(item))
+        prepared = object_of_reconstruction(item, grid=False)
         T = T_world_scene @ item.T_scene_object
         T[2, 3] = settings.sponge_height - prepared.bottom
         _check_on_sponge(name, prepared, T)

@@ -29,17 +29,43 @@ def object_of_solid(name: str, solid: trimesh.Trimesh) -> PreparedObject:
     return _object(name, solid, np.asarray(points, np.float64), np.asarray(solid.face_normals[owners], np.float64))
 
 
-def object_of_reconstruction(item: ReconstructedObject) -> PreparedObject:
-    """Return what photos show of an object as an object, in the frame of the reconstruction."""
+def object_of_reconstruction(item: ReconstructedObject, grid: bool = True) -> PreparedObject:
+    """Return what photos show of an object as an object, in the frame of the reconstruction.
+
+    Args:
+        grid: whether with the distance grid, which takes seconds; without, it is empty.
+    """
     import trimesh
 
     solid = trimesh.Trimesh(item.vertices, item.faces, process=False)
-    return _object(item.name, solid, item.points, item.normals)
+    return _object(item.name, solid, item.points, item.normals, grid)
 
 
 def _object(
-    name: str, solid: trimesh.Trimesh, points: NDArray[np.float64], normals: NDArray[np.float64]
+    name: str, solid: trimesh.Trimesh, points: NDArray[np.float64], normals: NDArray[np.float64], grid: bool = True
 ) -> PreparedObject:
+    distance, low, spacing = _distance_grid(solid) if grid else (np.zeros((0, 0, 0), np.float32), np.zeros(3), 1.0)
+    hull = _collision_hull(solid)
+    return PreparedObject(
+        name=name,
+        vertices=np.asarray(solid.vertices, np.float64),
+        faces=np.asarray(solid.faces, np.int64),
+        parts=((np.asarray(hull.vertices, np.float64), np.asarray(hull.faces, np.int64)),),
+        distance=distance,
+        distance_origin=low,
+        distance_spacing=spacing,
+        surface_points=points,
+        surface_normals=normals,
+        mass=DENSITY * float(solid.volume),
+        inertia=DENSITY * np.asarray(solid.moment_inertia, np.float64),
+        volume=float(solid.volume),
+        extents=np.asarray(solid.extents, np.float64),
+        provenance={},
+    )
+
+
+def _distance_grid(solid: trimesh.Trimesh) -> tuple[NDArray[np.float32], NDArray[np.float64], float]:
+    """Return signed distances on a grid (nx, ny, nz) around a solid, the grid's first corner (3,) and its spacing."""
     import open3d as o3d
 
     low, high = solid.bounds[0] - PADDING, solid.bounds[1] + PADDING
@@ -51,23 +77,7 @@ def _object(
         o3d.core.Tensor(np.asarray(solid.vertices, np.float32)), o3d.core.Tensor(np.asarray(solid.faces, np.uint32))
     )
     distance = scene.compute_signed_distance(o3d.core.Tensor(grid), nthreads=1).numpy()
-    hull = _collision_hull(solid)
-    return PreparedObject(
-        name=name,
-        vertices=np.asarray(solid.vertices, np.float64),
-        faces=np.asarray(solid.faces, np.int64),
-        parts=((np.asarray(hull.vertices, np.float64), np.asarray(hull.faces, np.int64)),),
-        distance=distance.astype(np.float32),
-        distance_origin=np.asarray(low, np.float64),
-        distance_spacing=spacing,
-        surface_points=points,
-        surface_normals=normals,
-        mass=DENSITY * float(solid.volume),
-        inertia=DENSITY * np.asarray(solid.moment_inertia, np.float64),
-        volume=float(solid.volume),
-        extents=np.asarray(solid.extents, np.float64),
-        provenance={},
-    )
+    return distance.astype(np.float32), np.asarray(low, np.float64), spacing
 
 
 def _collision_hull(solid: trimesh.Trimesh) -> trimesh.Trimesh:
