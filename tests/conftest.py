@@ -3,9 +3,11 @@
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
 import pipeline  # noqa: F401  (sets the thread counts before numpy is imported)
 
@@ -16,10 +18,50 @@ os.environ.update(DVC_NO_ANALYTICS="1", MLFLOW_DISABLE_TELEMETRY="true", DO_NOT_
 os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
 
 
+# Files that take longest, in the order in which they are handed to the processes of `./dev test`: one that began last
+# would leave the other processes idle. The first runs the whole pipeline, which the tests of single stages need.
+LONGEST_FILES = (
+    "tests/pipeline/test_behaviour.py",
+    "tests/reconstruct/test_whole.py",
+    "tests/reconstruct/test_splatting.py",
+    "tests/reconstruct/test_captures.py",
+    "tests/reconstruct/test_matching.py",
+    "tests/reconstruct/test_surface.py",
+    "tests/reconstruct/test_tags.py",
+    "tests/pipeline/test_hermetic.py",
+    "tests/pipeline/test_page_of_objects.py",
+    "tests/website/test_site.py",
+    "tests/evaluate/test_replay.py",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the files that take longest first; all others stay in order."""
+    place = {name: number for number, name in enumerate(LONGEST_FILES)}
+    items.sort(key=lambda item: place.get(item.nodeid.split("::")[0], len(place)))
+
+
 @pytest.fixture(scope="session")
 def repository() -> Path:
     """Root of the repository under test."""
     return ROOT
+
+
+@pytest.fixture(scope="session")
+def made_once(tmp_path_factory) -> Callable[[str, Callable[[Path], object]], Path]:
+    """Return a folder that all processes of a run of the tests share: the first to ask makes it, the others wait."""
+    shared = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        shared = shared.parent
+
+    def folder(name: str, make: Callable[[Path], object]) -> Path:
+        with FileLock(shared / f"{name}.lock"):
+            if not (shared / f"{name}.done").exists():
+                make(shared / name)
+                (shared / f"{name}.done").touch()
+        return shared / name
+
+    return folder
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import re
 import shutil
 import sqlite3
@@ -14,7 +13,6 @@ from pathlib import Path
 
 import pytest
 import yaml
-from filelock import FileLock
 
 # Durations differ from run to run, and no stage declares them.
 UNCOUNTED = {"durations.json", ".durations.lock", ".gitignore"}
@@ -172,12 +170,6 @@ def copy_of_sources(repository: Path, target: Path) -> WorkingCopy:
     return copy
 
 
-@pytest.fixture(scope="session")
-def sources(repository, tmp_path_factory) -> WorkingCopy:
-    """The repository as a newcomer gets it, with nothing computed. Do not change it."""
-    return copy_of_sources(repository, tmp_path_factory.mktemp("sources") / "repository")
-
-
 @pytest.fixture
 def fresh(repository, tmp_path) -> WorkingCopy:
     """The repository with nothing computed, for this test alone."""
@@ -185,19 +177,9 @@ def fresh(repository, tmp_path) -> WorkingCopy:
 
 
 @pytest.fixture(scope="session")
-def finished(repository, tmp_path_factory) -> WorkingCopy:
-    """The whole pipeline at scale tiny, run once by real DVC and committed. Do not change it.
-
-    Processes that share the tests share it: the first one makes it.
-    """
-    shared = tmp_path_factory.getbasetemp()
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        shared = shared.parent
-    with FileLock(shared / "finished.lock"):
-        if not (shared / "finished.done").exists():
-            _run_tiny(repository, shared / "finished")
-            (shared / "finished.done").touch()
-    return WorkingCopy(shared / "finished")
+def finished(repository, made_once) -> WorkingCopy:
+    """The whole pipeline at scale tiny, run once by real DVC and committed. Do not change it."""
+    return WorkingCopy(made_once("finished", lambda folder: _run_tiny(repository, folder)))
 
 
 def _run_tiny(repository: Path, target: Path) -> None:

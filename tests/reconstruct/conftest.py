@@ -5,9 +5,9 @@ from tests.reconstruct.made_up import rendered
 
 
 @pytest.fixture(scope="session")
-def capture_folder(tmp_path_factory):
+def capture_folder(made_once):
     """A rendered capture; tests that change something copy it."""
-    return rendered(tmp_path_factory.mktemp("captures") / "plain")
+    return made_once("capture", rendered)
 
 
 @pytest.fixture(scope="session")
