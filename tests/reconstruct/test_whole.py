@@ -1,7 +1,7 @@
 """Whole reconstructions of small rendered captures, good ones and hard ones: a good result, or one clear sentence.
 
-The bars are for 16 views of 480 x 360 pixels; the demo capture (24 views, 960 x 720) is held to the tighter ones of
-docs/metrics.md by `benchmarks/reconstruction.py`.
+The bars are for 16 or 12 views of 480 x 360 pixels; the demo capture (24 views, 960 x 720) is held to the tighter ones
+of docs/metrics.md by `benchmarks/reconstruction.py`.
 """
 
 import shutil
@@ -19,10 +19,10 @@ pytestmark = pytest.mark.slow
 
 
 def quick_settings():
-    """As for the smallest scale: half the planes and a coarser octree do for small photos."""
+    """As for the smallest scale: a quarter of the planes and a coarser octree do for small photos."""
     settings = read_parameters().reconstruct
-    sweep = settings.sweep.model_copy(update={"planes": 64})
-    surface = settings.surface.model_copy(update={"poisson_depth": 7})
+    sweep = settings.sweep.model_copy(update={"planes": 32})
+    surface = settings.surface.model_copy(update={"poisson_depth": 6})
     return settings.model_copy(update={"sweep": sweep, "surface": surface})
 
 
@@ -86,14 +86,10 @@ def test_splatting_from_the_same_start(capture_folder, plain):
     assert max(error.chamfer for error in errors.values()) < 0.001
 
 
-def test_twelve_views(tmp_path):
-    metrics, _ = figures(rendered(tmp_path / "few", views=12))
-    assert metrics["registered_ratio"] == 1 and metrics["chamfer_mm_max"] < 1.5
-
-
 def test_a_camera_like_a_phone_s(tmp_path):
     folder = rendered(
         tmp_path / "phone",
+        views=12,
         distortion=(-0.1, 0.03, 0.0005, -0.0005),
         blur=0.5,
         motion_blur=1.0,
@@ -114,7 +110,7 @@ def test_low_texture(tmp_path, plain):
 
 def test_no_texture_is_one_sentence(tmp_path):
     with pytest.raises(UserError, match="^(block|can): .*texture") as caught:
-        figures(rendered(tmp_path / "bare", texture=0.0))
+        figures(rendered(tmp_path / "bare", views=12, texture=0.0))
     assert "\n" not in str(caught.value)
 
 
