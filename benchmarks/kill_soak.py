@@ -4,10 +4,10 @@
 
 Two clones of the repository run the whole pipeline through real DVC, at scale tiny, each with a cache of its own. The
 first is left alone and times the stages. The second is killed with SIGKILL: every stage several times, at a moment
-drawn uniformly from the time that the stage took; mostly the whole process group (DVC, stage, workers, as at a power cut),
-every fifth time one process of the stage alone (as the system does when memory runs out). After each kill `dvc repro`
-goes on. At the end both clones must hold the same: dvc.lock, every output, MLflow's record; no temporary file may be
-left, and every file in DVC's cache must have the content that its name promises.
+drawn uniformly from the time that the stage took; mostly the whole process group (DVC, stage, workers, as in a power
+cut), every fifth time one process of the stage alone (as the system does when memory runs out). After each kill
+`dvc repro` goes on. At the end both clones must hold the same: dvc.lock, every output, MLflow's record; no temporary
+file may be left, and every file in DVC's cache must have the content that its name promises.
 
 Takes about 20 CPU minutes for 50 kills. An interrupted soak goes on with the same command (`--folder` and its log); the
 folder is removed when the soak has passed, unless `--keep`. Exit code 1: something differs, or a run failed by itself.
@@ -67,9 +67,9 @@ class Clone:
             "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
         }
 
-    def make(self, scale: str) -> None:
-        """Clone what git has committed, and compose the parameters; nothing is computed yet."""
-        subprocess.run(["git", "clone", "--quiet", str(ROOT), str(self.root)], check=True)
+    def make(self, scale: str, source: Path) -> None:
+        """Clone what git has committed in ``source``, and compose the parameters; nothing is computed yet."""
+        subprocess.run(["git", "clone", "--quiet", str(source), str(self.root)], check=True)
         for name in ("dvc.lock", *(f"reports/{name}" for name in ("dataset.md", "summary.json", "tracking.json"))):
             (self.root / name).unlink(missing_ok=True)
         compose = [sys.executable, "-m", "pipeline.workspace.scales", "compose", scale, "--force"]
@@ -315,12 +315,12 @@ def soaked(arguments: argparse.Namespace) -> list[str]:
     if not durations_file.exists():
         for path in (reference.root, folder / "reference.log"):
             shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
-        reference.make(arguments.scale)
+        reference.make(arguments.scale, ROOT)
         print("running once undisturbed", flush=True)
         durations_file.write_text(json.dumps(undisturbed(reference, folder / "reference.log"), indent=1))
     if not (folder / "kills.jsonl").exists():
         shutil.rmtree(killed.root, ignore_errors=True)
-        killed.make(arguments.scale)
+        killed.make(arguments.scale, reference.root)  # the same commit, whatever came since
     durations = json.loads(durations_file.read_text())
     done = len((folder / "kills.jsonl").read_text().splitlines()) if (folder / "kills.jsonl").exists() else 0
     soak = Soak(killed, durations, folder, random.Random(f"{arguments.seed} {done}"))

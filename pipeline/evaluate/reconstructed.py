@@ -16,6 +16,7 @@ from pipeline.evaluate.grasps import TwoObjectGrasp
 from pipeline.records import paths
 from pipeline.records.captures import read_truth
 from pipeline.records.errors import UserError
+from pipeline.records.geometry import read_geometry_file
 from pipeline.records.objects import PreparedObject
 from pipeline.records.poses import inverse_pose, transform_points
 from pipeline.records.reconstructions import load_reconstructed_object
@@ -44,8 +45,6 @@ def true_from_reconstructed(capture: str, prepared: PreparedObject) -> NDArray[n
     Raises:
         UserError: the reconstruction or the truth is missing, or shows another object than the prepared one.
     """
-    import trimesh
-
     reconstructed = load_reconstructed_object(capture, prepared.name)
     truth = read_truth(paths.capture_folder(capture))
     source = truth.surfaces.get(prepared.name) if truth else None
@@ -53,8 +52,11 @@ def true_from_reconstructed(capture: str, prepared: PreparedObject) -> NDArray[n
         raise UserError(
             f"{paths.capture_folder(capture)}/gt does not hold {prepared.name}.ply; run `dvc repro capture@{capture}`."
         )
-    mesh = trimesh.load_mesh(source, process=False)
-    T_scene_true = pose_of_same_mesh(prepared.vertices, np.asarray(mesh.vertices, np.float64))
+    try:
+        vertices = np.asarray(read_geometry_file(source).vertices, np.float64)
+    except (OSError, ValueError) as error:
+        raise UserError(f"{source} is damaged ({error}); run `dvc repro capture@{capture}`.") from error
+    T_scene_true = pose_of_same_mesh(prepared.vertices, vertices)
     if T_scene_true is None:
         raise UserError(
             f"{source} is not the object in {paths.prepared_folder(prepared.name)}; run `dvc repro capture@{capture}`."

@@ -9,7 +9,6 @@ Layout of ``models/train/``::
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +18,7 @@ import pandas as pd
 
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.train import DenoiserParameters, DiffusionParameters, EncoderParameters
+from pipeline.records.texts import parse_json
 from pipeline.records.writing import whole_folder, write_json
 from pipeline.train.representation import Normalisation
 
@@ -90,7 +90,7 @@ def read_checkpoint(folder: Path) -> Checkpoint:
 
     mend = "run `dvc repro train` to make it again"
     try:
-        config = json.loads((folder / "model.json").read_text())
+        config = parse_json((folder / "model.json").read_text())
         if config["format"] != FORMAT:
             raise UserError(f"{folder} was written by another version (format {config['format']}); {mend}.")
         checkpoint = Checkpoint(
