@@ -61,8 +61,8 @@ def abandoned_files() -> list[Path]:
     """Return temporary files and folders of stages that were killed while writing, sorted."""
     return sorted(
         entry
-        for folder in (Path("data"), Path("models"), Path("reports"))
-        for entry in folder.rglob(".*.tmp")
+        for folder, below in ((Path("."), ""), (Path("data"), "**/"), (Path("models"), "**/"), (Path("reports"), "**/"))
+        for entry in folder.glob(f"{below}.*.tmp")
         if (match := TEMPORARY.fullmatch(entry.name)) and not _alive(int(match[1]))
     )
 
