@@ -14,7 +14,6 @@ from typing import Any
 
 from pipeline.records.errors import UserError
 
-
 SMALLEST_FREE = 1 << 16  # bytes; with less a disk counts as full
 
 
@@ -29,9 +28,9 @@ def is_full(folder: Path) -> bool:
 def _explain(error: Exception, target: Path) -> Exception:
     """Return what to raise for an error in writing ``target``; libraries have their own kinds for a full disk."""
     number = getattr(error, "errno", None)
-    if not isinstance(error, UserError) and number is None:
-        if "No space left" in str(error) or is_full(target.parent):
-            number = errno.ENOSPC
+    nameless = number is None and not isinstance(error, UserError)
+    if nameless and ("No space left" in str(error) or is_full(target.parent)):
+        number = errno.ENOSPC
     if number in (errno.EACCES, errno.EROFS, errno.EPERM):
         return UserError(f"cannot write {target}: the folder is read-only; make it writable (chmod u+w) and run again.")
     if number in (errno.ENOSPC, errno.EDQUOT):

@@ -11,8 +11,8 @@ import pytest
 import yaml
 
 from pipeline.prepare.sources import UNIT_LENGTHS
-from pipeline.records.geometry import FORMATS
 from pipeline.records import tables
+from pipeline.records.geometry import FORMATS
 from pipeline.records.parameters import MeshParameters, ObjectParameters, Parameters
 from pipeline.records.parameters.objects import Recipe
 from pipeline.report.meanings import MERGE, SYNTHESIS, TRIALS, VALIDATION
