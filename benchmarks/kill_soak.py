@@ -76,10 +76,16 @@ class Clone:
         subprocess.run(compose, cwd=self.root, env=self.environment, check=True, stdout=subprocess.DEVNULL)
 
     def repro(self, log: Path, *arguments: str) -> subprocess.Popen[bytes]:
-        """Start `dvc repro` in a process group of its own; its output is appended to ``log``."""
+        """Start what `./dev repro` does in a process group of its own; its output is appended to ``log``."""
         with log.open("ab") as output:
             return subprocess.Popen(
-                [sys.executable, "-m", "dvc", "repro", *arguments],
+                [
+                    "sh",
+                    "-c",
+                    '"$0" -m pipeline.workspace.prune && exec "$0" -m dvc repro "$@"',
+                    sys.executable,
+                    *arguments,
+                ],
                 cwd=self.root,
                 env=self.environment,
                 stdout=output,
