@@ -9,13 +9,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
 from pipeline.records.errors import UserError
 
-# More of the same by hand: FUZZ=100 pytest tests/trust
-TIMES = int(os.environ.get("FUZZ", "1"))
+# More of the same, and what takes minutes, by hand: TRUST=100 ./dev test tests/trust
+TIMES = int(os.environ.get("TRUST", "1"))
+by_hand = pytest.mark.skipif("TRUST" not in os.environ, reason="takes minutes: TRUST=1 ./dev test tests/trust")
 MEMORY = 2 << 30  # bytes that reading one small file may take at most
 SECONDS = 10.0  # of the processor that it may take
 

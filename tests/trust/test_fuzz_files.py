@@ -51,7 +51,7 @@ MESHES = ["box.obj", "box.stl", "stl_ascii.stl", "box.ply", "ascii.ply", "box.of
 
 
 @pytest.mark.parametrize("name", [*MESHES, "cloud.npy"])
-@examples(30)
+@examples(8)
 @given(changes=edits)
 def test_meshes(place, meshes, name, changes):
     from pipeline.prepare.sources import load_triangles
@@ -66,7 +66,7 @@ def test_meshes(place, meshes, name, changes):
     assert list(place.iterdir()) == []
 
 
-@examples(30)
+@examples(12)
 @given(changes=edits)
 def test_true_surfaces_of_a_capture(place, meshes, changes):
     from pipeline.reconstruct.reconstruction import true_surfaces
@@ -97,7 +97,7 @@ def pictures() -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.npy"])
-@examples(40)
+@examples(12)
 @given(changes=edits)
 def test_pictures(place, pictures, name, changes):
     from pipeline.reconstruct.normal_maps import read_normals
@@ -137,7 +137,7 @@ def merged_table(tmp_path_factory) -> bytes:
     return target.read_bytes()
 
 
-@examples(60)
+@examples(20)
 @given(changes=edits)
 def test_tables_of_grasps(place, merged_table, changes):
     from pipeline.evaluate.grasps import accepted_grasps
@@ -166,7 +166,7 @@ def recording(tmp_path_factory) -> bytes:
     return target.read_bytes()
 
 
-@examples(60)
+@examples(20)
 @given(changes=edits)
 def test_recordings(place, recording, changes):
     from pipeline.evaluate.recording import read_recording

@@ -36,7 +36,7 @@ def place(tmp_path_factory) -> Path:
     return tmp_path_factory.mktemp("texts")
 
 
-@examples(25)
+@examples(12)
 @given(changes=edits)
 def test_params(place, repository, changes):
     source = place / "params.yaml"
@@ -45,7 +45,7 @@ def test_params(place, repository, changes):
     valid_or_one_sentence(lambda: objects_of(WorkingFolder(place)))
 
 
-@examples(60)
+@examples(25)
 @given(changes=edits)
 def test_sequences(place, repository, changes):
     source = place / "three.yaml"
@@ -54,7 +54,7 @@ def test_sequences(place, repository, changes):
 
 
 @pytest.mark.parametrize("name", ["tags.yaml", "scene.yaml", "intrinsics.yaml", "gt/cameras.json"])
-@examples(50)
+@examples(25)
 @given(changes=edits)
 def test_captures(place, name, changes):
     folder = place / "capture"
