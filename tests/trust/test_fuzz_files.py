@@ -175,3 +175,33 @@ def test_recordings(place, recording, changes):
     source.write_bytes(damaged(recording, changes))
     valid_or_one_sentence(lambda: read_recording(source))
     source.unlink()
+
+
+WRONG = {
+    "merged_id": [None],
+    "q": [[float("nan")] * 16, [float("inf")] * 16],
+    "squeeze_q": [[1e400] * 16],
+    "open_q0": [None, [], [0.0] * 15, [None] * 16],
+    "open_q1": [[0.0] * 17],
+    "approach_direction0": [None, [1.0, 0.0]],
+    "approach_direction1": [[float("nan")] * 3],
+    "position_hand_object0": [[float("inf"), 0.0, 0.0]],
+    "quaternion_hand_object1": [[0.0] * 4, [2.0, 0.0, 0.0, 0.0]],
+    "object0": [None, "../../../etc", "a/b", ""],
+}
+
+
+@pytest.mark.parametrize(("column", "value"), [(name, value) for name, values in WRONG.items() for value in values])
+def test_a_grasp_from_elsewhere_that_is_none_is_refused(place, column, value):
+    """The columns are right, and what is in them is not."""
+    from pipeline.evaluate.plan import _grasp
+
+    source = place / "table.parquet"
+    rows = merged_rows()
+    rows[column] = [value] * len(rows)
+    try:
+        write_table(source, rows, MERGED)
+    except pa.ArrowInvalid:
+        pytest.skip("no such table can be written")
+    assert valid_or_one_sentence(lambda: _grasp(source, None))
+    source.unlink()
