@@ -158,7 +158,7 @@ def _grasp(source: Path, merged_id: int | None) -> tuple[TwoObjectGrasp, tuple[s
             )
     row = {str(name): value for name, value in own.iloc[0].items()}
     for name in (row["object0"], row["object1"]):
-        if not OBJECT_NAME.fullmatch(str(name)):  # names become folders
+        if not isinstance(name, str) or not OBJECT_NAME.fullmatch(name):  # names become folders
             raise UserError(f"{source} names an object {name!r}; names have small letters, digits and underscores.")
     return grasp_from_row(row), (row["object0"], row["object1"])
 
