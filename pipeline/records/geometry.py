@@ -17,8 +17,10 @@ FORMATS = ("obj", "stl", "ply", "off", "glb")
 MOST_TRIANGLES = 20_000_000  # 40 times the finest YCB scan; a scene of few bytes can repeat one mesh without end
 
 
-def read_geometry(content: bytes, file_type: str, process: bool = False) -> trimesh.Trimesh | trimesh.PointCloud:
-    """Return the mesh, or the points where there are no faces; a scene becomes one mesh, its transforms applied.
+def read_geometry(content: bytes, file_type: str, process: bool = False) -> Any:
+    """Return a ``trimesh.Trimesh``, or a ``PointCloud`` where there are no faces.
+
+    A scene becomes one mesh, its transforms applied.
 
     Args:
         file_type: one of :data:`FORMATS`.
@@ -42,7 +44,7 @@ def read_geometry(content: bytes, file_type: str, process: bool = False) -> trim
         raise ValueError(" ".join(str(error).split())[:120] or type(error).__name__) from error
 
 
-def read_geometry_file(source: Path, process: bool = False) -> trimesh.Trimesh | trimesh.PointCloud:
+def read_geometry_file(source: Path, process: bool = False) -> Any:
     """Read a file whose ending is its format; see :func:`read_geometry`.
 
     Raises:

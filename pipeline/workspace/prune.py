@@ -132,7 +132,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Command line of this module."""
     parser = argparse.ArgumentParser(prog="python -m pipeline.workspace.prune", description=__doc__)
     parser.parse_args(arguments)
-    for path in mend():
+    for path in mend() if "DVC_STAGE" not in os.environ else []:  # as a stage's command it runs beside DVC
         print(f"put aside {path}: a killed DVC left it cut off; what it says is known from the cache", file=sys.stderr)
     try:
         for path in prune(read_parameters()):
