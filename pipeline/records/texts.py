@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import Any
 
 import yaml
 
-MOST_VALUES = 1_000_000  # what a text of a few lines can stand for has no bound, as aliases may hold aliases
+DEEPEST = 100  # brackets in brackets; the reader takes time with the square of their number
+MOST_VALUES = 10_000_000  # what a text of a few lines can stand for has no bound, as aliases may hold aliases
 
 
 def parse_yaml(text: str, loader: type[yaml.SafeLoader] = yaml.SafeLoader) -> Any:
@@ -16,6 +18,11 @@ def parse_yaml(text: str, loader: type[yaml.SafeLoader] = yaml.SafeLoader) -> An
     Raises:
         yaml.YAMLError: the text is not valid, or its aliases stand for more than :data:`MOST_VALUES` values.
     """
+    depth = 0
+    for bracket in re.finditer(r"[\[\]{}]", text):
+        depth += 1 if bracket[0] in "[{" else -1
+        if depth > DEEPEST:
+            raise yaml.YAMLError("it is nested too deeply")
     try:
         content = yaml.load(text, Loader=loader)
         if _size(content, {}) > MOST_VALUES:

@@ -51,7 +51,7 @@ MESHES = ["box.obj", "box.stl", "stl_ascii.stl", "box.ply", "ascii.ply", "box.of
 
 
 @pytest.mark.parametrize("name", [*MESHES, "cloud.npy"])
-@examples(8)
+@examples(5)
 @given(changes=edits)
 def test_meshes(place, meshes, name, changes):
     from pipeline.prepare.sources import load_triangles
