@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pipeline.records.errors import UserError
 from pipeline.records.poses import pose_matrix
 
 
@@ -78,10 +79,32 @@ class TwoObjectGrasp:
 
 
 def grasp_from_row(row: dict[str, Any]) -> TwoObjectGrasp:
-    """Return the grasp in one row of a merged table."""
+    """Return the grasp in one row of a merged table.
 
-    def array(name: str) -> NDArray[np.float64]:
-        return np.asarray(row[name], dtype=np.float64)
+    Raises:
+        UserError: numbers are missing in it, or are not finite.
+    """
+    try:
+        return _grasp_from_row(row)
+    except (TypeError, ValueError) as error:
+        raise UserError(
+            f"grasp {row['merged_id']} of {row['object0']} then {row['object1']} is damaged ({error}); make or fetch "
+            "its table again."
+        ) from error
+
+
+def _grasp_from_row(row: dict[str, Any]) -> TwoObjectGrasp:
+    def array(name: str, length: int = 16) -> NDArray[np.float64]:
+        values = np.asarray(row[name], dtype=np.float64)
+        if values.shape != (length,) or not np.isfinite(values).all():
+            raise ValueError(f"{name} is not {length} numbers")
+        return values
+
+    def pose(index: int) -> NDArray[np.float64]:
+        quaternion = array(f"quaternion_hand_object{index}", 4)
+        if not 0.99 < np.linalg.norm(quaternion) < 1.01:
+            raise ValueError(f"quaternion_hand_object{index} is no rotation")
+        return pose_matrix(array(f"position_hand_object{index}", 3), quaternion)
 
     return TwoObjectGrasp(
         merged_id=int(row["merged_id"]),
@@ -89,10 +112,10 @@ def grasp_from_row(row: dict[str, Any]) -> TwoObjectGrasp:
         squeeze_q=array("squeeze_q"),
         open_q0=array("open_q0"),
         open_q1=array("open_q1"),
-        T_hand_object0=pose_matrix(row["position_hand_object0"], row["quaternion_hand_object0"]),
-        T_hand_object1=pose_matrix(row["position_hand_object1"], row["quaternion_hand_object1"]),
-        approach_direction0=array("approach_direction0"),
-        approach_direction1=array("approach_direction1"),
+        T_hand_object0=pose(0),
+        T_hand_object1=pose(1),
+        approach_direction0=array("approach_direction0", 3),
+        approach_direction1=array("approach_direction1", 3),
         approach_length1=float(row["approach_length1"]),
     )
 

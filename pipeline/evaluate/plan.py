@@ -134,6 +134,7 @@ def _check_frames(source: Path, capture: str | None) -> None:
 def _grasp(source: Path, merged_id: int | None) -> tuple[TwoObjectGrasp, tuple[str, str]]:
     """Return the chosen grasp of a table, and the names of its objects."""
     from pipeline.evaluate.grasps import grasp_from_row
+    from pipeline.records.parameters import OBJECT_NAME
     from pipeline.records.tables import MERGED, read_table
 
     try:
@@ -156,6 +157,9 @@ def _grasp(source: Path, merged_id: int | None) -> tuple[TwoObjectGrasp, tuple[s
                 f"grasp {merged_id} of {source} was refused ({own['rejected_by'].iloc[0]}); choose another."
             )
     row = {str(name): value for name, value in own.iloc[0].items()}
+    for name in (row["object0"], row["object1"]):
+        if not isinstance(name, str) or not OBJECT_NAME.fullmatch(name):  # names become folders
+            raise UserError(f"{source} names an object {name!r}; names have small letters, digits and underscores.")
     return grasp_from_row(row), (row["object0"], row["object1"])
 
 

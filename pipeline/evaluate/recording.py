@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from pipeline.evaluate.execution import Run
 from pipeline.records.errors import UserError
 from pipeline.records.poses import position_quaternion
+from pipeline.records.tables import check_size
+from pipeline.records.texts import parse_json
 from pipeline.records.writing import whole_file
 
 _NUMBERS = pa.float64()
@@ -115,12 +117,13 @@ def read_recording(source: Path) -> Recording:
     if not source.is_file():
         raise UserError(f"{source} is missing; {mend}.")
     try:
+        check_size(source)
         table = pq.read_table(source)
-        about = json.loads((table.schema.metadata or {})[_ABOUT])
+        about = parse_json((table.schema.metadata or {})[_ABOUT])
         known = About(
             about["name"], (about["object0"], about["object1"]), about["outcome"], float(about["sponge_height"])
         )
-    except (pa.ArrowInvalid, OSError, KeyError, ValueError, TypeError) as error:
+    except (pa.ArrowException, OSError, KeyError, ValueError, TypeError) as error:
         raise UserError(f"{source} is damaged or no recording of a trial; {mend}.") from error
     if not table.schema.equals(MOMENTS) or not table.num_rows:
         raise UserError(f"{source} has other columns than this version expects; {mend}.")

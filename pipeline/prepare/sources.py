@@ -7,16 +7,15 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.prepare.recipes import recipe_mesh
 from pipeline.records.errors import UserError
+from pipeline.records.geometry import FORMATS, read_geometry_file
 from pipeline.records.parameters.objects import MeshParameters, ObjectParameters
 
-FILE_FORMATS = ("obj", "stl", "ply", "off", "glb")
 UNIT_LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}  # m
 LARGEST_IN_METRES = 2.0  # a file whose numbers are larger is in centimetres or millimetres
 LARGEST_IN_CENTIMETRES = 25.0  # 25 mm to 25 cm is what a hand grasps: beyond, millimetres are likelier
@@ -60,12 +59,11 @@ def load_triangles(path: Path, where: str) -> tuple[NDArray[np.float64], NDArray
     import trimesh
 
     refusal = UserError(
-        f"{where}: {path} holds no triangle mesh that can be read; export the shape again as {', '.join(FILE_FORMATS)}."
+        f"{where}: {path} holds no triangle mesh that can be read; export the shape again as {', '.join(FORMATS)}."
     )
     try:
-        loaded: Any = trimesh.load(path, process=False)
-        mesh = loaded.to_mesh() if isinstance(loaded, trimesh.Scene) else loaded
-    except Exception as error:  # the readers raise whatever the damage happens to trigger
+        mesh = read_geometry_file(path)
+    except (OSError, ValueError) as error:
         raise refusal from error
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
         raise refusal
@@ -102,10 +100,8 @@ def check_file(path: Path, where: str) -> None:
         raise UserError(f"{where}: {path} is a folder; name a mesh file in it.")
     if not is_file:
         raise UserError(f"{where}: the mesh file {path} is missing; put it there or correct the name.")
-    if path.suffix.lower().lstrip(".") not in FILE_FORMATS:
-        raise UserError(
-            f"{where}: {path} has the unknown format {path.suffix!r}; export it as {', '.join(FILE_FORMATS)}."
-        )
+    if path.suffix.lower().lstrip(".") not in FORMATS:
+        raise UserError(f"{where}: {path} has the unknown format {path.suffix!r}; export it as {', '.join(FORMATS)}.")
     if not os.access(path, os.R_OK):
         raise UserError(f"{where}: {path} may not be read; make it readable (chmod u+r).")
 

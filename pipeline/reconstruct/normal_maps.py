@@ -33,7 +33,7 @@ def read_normals(path: Path) -> NDArray[np.float32]:
             with Image.open(path) as picture:
                 normals = np.asarray(picture.convert("RGB"), np.float32) / 255 * 2 - 1
         normals = np.asarray(normals, np.float32)
-    except (OSError, EOFError, SyntaxError, TypeError, ValueError, Image.DecompressionBombError) as error:
+    except (OSError, EOFError, SyntaxError, TypeError, ValueError, MemoryError, Image.DecompressionBombError) as error:
         raise UserError(f"{path} is no normal map ({error}); save it as .npy (h, w, 3) or as .png.") from error
     if normals.ndim != 3 or normals.shape[2] != 3 or not np.isfinite(normals).all():
         raise UserError(f"{path} has shape {normals.shape}; a normal map has three finite numbers per pixel.")

@@ -19,6 +19,7 @@ from pipeline.reconstruct.tags import check_sightings, detect_tags, locate_corne
 from pipeline.reconstruct.views import View, undistort_all, undistorted_normals
 from pipeline.records.captures import Capture, SceneObject, Truth
 from pipeline.records.errors import UserError
+from pipeline.records.geometry import read_geometry_file
 from pipeline.records.parameters.reconstruct import ReconstructParameters
 from pipeline.records.reconstructions import ReconstructedObject
 
@@ -114,12 +115,10 @@ def true_surfaces(truth: Truth | None) -> dict[str, Surface]:
     Raises:
         UserError: one of them cannot be read, or has no triangles.
     """
-    import trimesh
-
     found = {}
     for name, path in truth.surfaces.items() if truth is not None else ():
         try:
-            mesh = trimesh.load_mesh(path, process=False)
+            mesh = read_geometry_file(path)
             found[name] = Surface(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64))
         except (ValueError, OSError, LookupError, AttributeError, TypeError) as error:
             raise UserError(f"{path} is no readable mesh ({error}); mend or remove it.") from error

@@ -15,7 +15,6 @@ The scene frame is the one in which ``tags.yaml`` and ``scene.yaml`` give positi
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -31,6 +30,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.poses import pose_matrix
+from pipeline.records.texts import parse_json, parse_yaml
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
 TAG_FAMILIES = {"tag36h11": 587, "tag25h9": 35, "tag16h5": 30}  # how many tags each family has
@@ -206,12 +206,12 @@ class _Loader(yaml.SafeLoader):
 
 def _read_yaml(path: Path, model: type[Model]) -> Model:
     try:
-        content: Any = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
+        content: Any = parse_yaml(path.read_text(encoding="utf-8"), _Loader)
     except FileNotFoundError as error:
         raise UserError(f"{path} is missing; docs/capture.md shows what it holds.") from error
     except OSError as error:
         raise UserError(f"{path} cannot be read: {error.strerror}; docs/capture.md shows what it holds.") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+    except (yaml.YAMLError, ValueError) as error:
         raise UserError(f"{path} is not valid YAML: {' '.join(str(error).split())}; correct it there.") from error
     if not isinstance(content, dict):
         raise UserError(f"{path} is empty or no mapping; docs/capture.md shows what it holds.")
@@ -332,7 +332,7 @@ def read_truth(folder: Path) -> Truth | None:
     if not source.exists():
         return Truth(surfaces, False, {})
     try:
-        content = json.loads(source.read_text())
+        content = parse_json(source.read_text())
         centres = {name: np.asarray(centre, np.float64).reshape(3) for name, centre in content["centres"].items()}
         return Truth(surfaces, bool(content["rendered"]), centres)
     except (ValueError, LookupError, TypeError, AttributeError) as error:

@@ -14,7 +14,6 @@ Object frame: origin at the centre of mass (uniform density), canonical resting 
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,8 @@ from numpy.typing import NDArray
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
+from pipeline.records.geometry import read_geometry_file
+from pipeline.records.texts import parse_json
 from pipeline.records.writing import whole_folder, write_json
 
 
@@ -109,14 +110,12 @@ def load_prepared_object(name: str) -> PreparedObject:
 
 def read_prepared_object(folder: Path) -> PreparedObject:
     """Read one prepared object from its folder; see :func:`load_prepared_object`."""
-    import trimesh
-
     name = folder.name
     mend = f"delete the folder and run `dvc repro prepare@{name}` (`prepare-mesh@{name}` for a mesh of your own)"
     try:
-        facts = json.loads((folder / "object.json").read_text())
-        mesh = trimesh.load_mesh(folder / "mesh.ply", process=False)
-        parts = [trimesh.load_mesh(path, process=False) for path in sorted((folder / "parts").glob("*.ply"))]
+        facts = parse_json((folder / "object.json").read_text())
+        mesh = read_geometry_file(folder / "mesh.ply")
+        parts = [read_geometry_file(path) for path in sorted((folder / "parts").glob("*.ply"))]
         surface = np.load(folder / "surface.npy", allow_pickle=False).astype(np.float64)
         distance = np.load(folder / "distance.npy", allow_pickle=False)
         if len(parts) != facts["part_count"]:
@@ -139,5 +138,5 @@ def read_prepared_object(folder: Path) -> PreparedObject:
         )
     except FileNotFoundError as error:
         raise UserError(f"{error.filename or folder} is missing; {mend}.") from error
-    except (ValueError, TypeError, LookupError, EOFError, OSError) as error:
+    except (ValueError, TypeError, LookupError, AttributeError, EOFError, OSError, MemoryError) as error:
         raise UserError(f"{folder} is damaged ({error}); {mend}.") from error

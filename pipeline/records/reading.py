@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.records.errors import UserError
+from pipeline.records.geometry import read_geometry_file
+from pipeline.records.texts import parse_json
 
 
 def read_json(source: Path, mend: str) -> dict[str, Any]:
@@ -22,7 +23,7 @@ def read_json(source: Path, mend: str) -> dict[str, Any]:
         UserError: it is missing or damaged.
     """
     try:
-        content = json.loads(source.read_text())
+        content = parse_json(source.read_text())
     except FileNotFoundError as error:
         raise UserError(f"{source} is missing; {mend}.") from error
     except (OSError, ValueError) as error:
@@ -38,13 +39,11 @@ def read_vertices(source: Path, mend: str) -> NDArray[np.float64]:
     Raises:
         UserError: it is missing or damaged.
     """
-    import trimesh
-
-    if not source.exists():
-        raise UserError(f"{source} is missing; {mend}.")
     try:
-        vertices = np.asarray(trimesh.load_mesh(source, process=False).vertices, np.float64)
-    except (ValueError, TypeError, LookupError, EOFError, OSError) as error:
+        vertices = np.asarray(read_geometry_file(source).vertices, np.float64)
+    except FileNotFoundError as error:
+        raise UserError(f"{source} is missing; {mend}.") from error
+    except (OSError, ValueError) as error:
         raise UserError(f"{source} is damaged ({error}); delete it and {mend}.") from error
     if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.isfinite(vertices).all():
         raise UserError(f"{source} is damaged (it holds no points); delete it and {mend}.")

@@ -17,7 +17,6 @@ z up, turned about z as ``scene.yaml`` says.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,8 +27,10 @@ from numpy.typing import NDArray
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
+from pipeline.records.geometry import read_geometry_file
 from pipeline.records.objects import write_mesh
 from pipeline.records.reading import read_json
+from pipeline.records.texts import parse_json
 from pipeline.records.writing import whole_folder, write_json
 
 SURFACES = "-surfaces.jpg"
@@ -95,13 +96,11 @@ def load_reconstructed_object(capture: str, name: str) -> ReconstructedObject:
     Raises:
         UserError: it is missing or damaged.
     """
-    import trimesh
-
     folder = paths.reconstruction_folder(capture) / "objects" / name
     mend = f"run `dvc repro reconstruct@{capture}`"
     try:
-        facts = json.loads((folder / "object.json").read_text())
-        mesh = trimesh.load_mesh(folder / "mesh.ply", process=False)
+        facts = parse_json((folder / "object.json").read_text())
+        mesh = read_geometry_file(folder / "mesh.ply")
         samples = np.load(folder / "points.npy", allow_pickle=False).astype(np.float64)
         return ReconstructedObject(
             name=name,
@@ -115,7 +114,7 @@ def load_reconstructed_object(capture: str, name: str) -> ReconstructedObject:
         )
     except FileNotFoundError as error:
         raise UserError(f"{error.filename or folder} is missing; {mend}.") from error
-    except (ValueError, TypeError, LookupError, EOFError, OSError) as error:
+    except (ValueError, TypeError, LookupError, AttributeError, EOFError, OSError, MemoryError) as error:
         raise UserError(f"{folder} is damaged ({error}); delete it and {mend}.") from error
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import json
 import os
@@ -52,6 +53,9 @@ def run_stage(item: str, work: Callable[[], None]) -> int:
         print(f"{item}: {error}", file=sys.stderr)
         return 2
     except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            print(f"{item}: the disk is full; free some space and run again.", file=sys.stderr)
+            return 2
         if error.filename is None:
             raise
         print(f"{item}: cannot use {os.fspath(error.filename)}: {error.strerror}.", file=sys.stderr)

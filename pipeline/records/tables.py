@@ -8,6 +8,7 @@ are ``T_a_b`` (maps coordinates in b to a). ``q`` is always in the order ``joint
 from __future__ import annotations
 
 from pathlib import Path
+from typing import BinaryIO
 
 import pandas as pd
 import pyarrow as pa
@@ -15,6 +16,8 @@ import pyarrow.parquet as pq
 
 from pipeline.records.errors import UserError
 from pipeline.records.writing import whole_file
+
+MOST_VALUES = 1_000_000_000  # in one file: six times what a million grasps of two objects have
 
 
 def _vector(length: int) -> pa.DataType:
@@ -224,9 +227,23 @@ def read_table(source: Path, schema: pa.Schema, made_by: str) -> pd.DataFrame:
     if not source.exists():
         raise UserError(f"{source} is missing; {mend}.")
     try:
+        check_size(source)
         table = pq.read_table(source)
-    except (pa.ArrowInvalid, OSError) as error:
+        if not table.schema.equals(schema):
+            raise UserError(f"{source} has other columns than this version expects; delete it and {mend}.")
+        return table.to_pandas(ignore_metadata=True)
+    except (pa.ArrowException, OSError, ValueError) as error:
         raise UserError(f"{source} is damaged or not a parquet file; delete it and {mend}.") from error
-    if not table.schema.equals(schema):
-        raise UserError(f"{source} has other columns than this version expects; delete it and {mend}.")
-    return table.to_pandas()
+
+
+def check_size(source: Path | BinaryIO) -> None:
+    """Refuse a parquet file that claims more values than memory could hold: a few bytes can stand for any number.
+
+    Raises:
+        ValueError: it does; or, of pyarrow's kinds, it is no parquet file.
+    """
+    facts = pq.read_metadata(source)
+    groups = [facts.row_group(index) for index in range(facts.num_row_groups)]
+    values = [group.column(index).num_values for group in groups for index in range(group.num_columns)]
+    if max(facts.num_rows, sum(values)) > MOST_VALUES or min(values, default=0) < 0:
+        raise ValueError(f"it claims {sum(values)} values")

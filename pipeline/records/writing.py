@@ -8,19 +8,36 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from pipeline.records.errors import UserError
 
+SMALLEST_FREE = 1 << 16  # bytes; with less a disk counts as full
 
-def _explain(error: OSError, target: Path) -> UserError:
-    if error.errno in (errno.EACCES, errno.EROFS, errno.EPERM):
+
+def is_full(folder: Path) -> bool:
+    """Return whether the disk that holds ``folder`` has no room left."""
+    try:
+        return shutil.disk_usage(folder).free < SMALLEST_FREE
+    except OSError:
+        return False
+
+
+def _explain(error: Exception, target: Path) -> Exception:
+    """Return what to raise for an error in writing ``target``; libraries have their own kinds for a full disk."""
+    number = getattr(error, "errno", None)
+    nameless = number is None and not isinstance(error, UserError)
+    if nameless and ("No space left" in str(error) or is_full(target.parent)):
+        number = errno.ENOSPC
+    if number in (errno.EACCES, errno.EROFS, errno.EPERM):
         return UserError(f"cannot write {target}: the folder is read-only; make it writable (chmod u+w) and run again.")
-    if error.errno == errno.ENOSPC:
+    if number in (errno.ENOSPC, errno.EDQUOT):
         return UserError(f"cannot write {target}: the disk is full; free some space and run again.")
-    return UserError(f"cannot write {target}: {error.strerror or error}.")
+    if isinstance(error, OSError):
+        return UserError(f"cannot write {target}: {error.strerror or error}.")
+    return error
 
 
 def check_writable(target: Path) -> None:
@@ -49,8 +66,11 @@ def whole_file(target: Path) -> Iterator[Path]:
         target.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
         os.replace(temporary, target)
-    except OSError as error:
-        raise _explain(error, target) from error
+    except Exception as error:
+        explained = _explain(error, target)
+        if explained is error:
+            raise
+        raise explained from error
     finally:
         if temporary.exists():
             temporary.unlink()
@@ -65,15 +85,32 @@ def whole_folder(target: Path) -> Iterator[Path]:
     """
     temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:
+        shutil.rmtree(temporary, ignore_errors=True)  # of a killed process that had the same number
         temporary.mkdir(parents=True)
         yield temporary
-        if target.exists():
-            shutil.rmtree(target)
-        os.replace(temporary, target)
-    except OSError as error:
-        raise _explain(error, target) from error
+        _replace_folder(temporary, target)
+    except Exception as error:
+        explained = _explain(error, target)
+        if explained is error:
+            raise
+        raise explained from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _replace_folder(new: Path, target: Path) -> None:
+    """Rename a folder to ``target``, whatever is there; when two processes do so at once, one of both stays whole."""
+    old = target.with_name(f".{target.name}.old.{os.getpid()}.tmp")
+    while True:
+        try:
+            os.replace(new, target)  # an empty folder is replaced at once
+            return
+        except OSError as error:
+            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+                raise
+        with suppress(FileNotFoundError):  # another process was quicker
+            os.replace(target, old)
+            shutil.rmtree(old)
 
 
 def write_json(target: Path, content: Any) -> None:

@@ -24,6 +24,8 @@ import yaml
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import OBJECT_NAME
+from pipeline.records.tables import check_size
+from pipeline.records.texts import parse_yaml
 
 STYLES = ("pinch", "side")
 
@@ -183,7 +185,7 @@ def objects_of(project: Project) -> dict[str, list[str]]:
     """
     place = project.where(paths.PARAMETERS_FILE)
     try:
-        content = yaml.safe_load(project.read(paths.PARAMETERS_FILE, made_by=""))
+        content = parse_yaml(project.read(paths.PARAMETERS_FILE, made_by="").decode())
         found = {style: list(content["styles"][style]) for style in STYLES}
     except (yaml.YAMLError, KeyError, TypeError, ValueError) as error:
         raise UserError(
@@ -203,8 +205,9 @@ def read_columns(project: Project, path: Path, columns: pa.Schema, made_by: str)
     """
     content = project.read(path, made_by)
     try:
+        check_size(io.BytesIO(content))
         table = pq.read_table(io.BytesIO(content))
-    except (pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError, ValueError) as error:
         raise UserError(f"{project.where(path)} is damaged or no parquet file; fetch or make it again.") from error
     missing = [name for name in columns.names if name not in table.column_names]
     if missing:

@@ -17,7 +17,6 @@ Objects have the names of this project, as the released meshes lie in other fram
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,6 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
+from pipeline.records.geometry import read_geometry
 from pipeline.records.poses import inverse_pose, pose_matrix
 from pipeline.records.tables import VALIDATED
 from pipeline.records.writing import whole_file
@@ -224,9 +224,9 @@ def write_meshes(project: Project, names: Iterable[str], folder: Path) -> list[P
         path = paths.prepared_folder(name) / "mesh.ply"
         content = project.read(path, f"prepare@{name}")
         try:
-            mesh = trimesh.load_mesh(io.BytesIO(content), file_type="ply", process=False)
+            mesh = read_geometry(content, "ply")
             upright = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-        except Exception as error:  # trimesh promises no kind of error for a damaged file
+        except (ValueError, AttributeError) as error:
             raise UserError(f"{project.where(path)} is damaged; fetch or make it again.") from error
         lying = upright.copy()
         lying.apply_transform(inverse_pose(Z_UP_FROM_Y_UP))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters
 from pipeline.records.running import run_stage
+from pipeline.records.texts import parse_json, parse_yaml
 from pipeline.records.writing import write_json
 
 LOCK_FILE = Path("dvc.lock")
@@ -31,7 +31,7 @@ def read_json(source: Path, made_by: str) -> dict[str, Any]:
     """
     mend = f"run `dvc repro -f -s {made_by}` to make it again"
     try:
-        content = json.loads(source.read_text())
+        content = parse_json(source.read_text())
     except FileNotFoundError as error:
         raise UserError(f"{source} is missing; {mend}.") from error
     except ValueError as error:
@@ -50,7 +50,7 @@ def read_lock() -> dict[str, Any]:
     import yaml
 
     try:
-        content = yaml.safe_load(LOCK_FILE.read_text())
+        content = parse_yaml(LOCK_FILE.read_text())
     except FileNotFoundError as error:
         raise UserError(f"{LOCK_FILE} is missing; run `dvc repro`, which writes it.") from error
     except yaml.YAMLError as error:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
+from pipeline.records.writing import whole_file
 from pipeline.track.record import Record, StageRecord
 
 if TYPE_CHECKING:
@@ -45,6 +46,8 @@ def check_database(database: Path) -> None:
 def _explained(database: Path, text: str) -> UserError:
     if "locked" in text:
         mend = "another program is writing to it; stop that program or wait, then run `dvc repro` again"
+    elif "disk is full" in text:
+        mend = "the disk is full; free some space and run `dvc repro` again"
     elif "readonly" in text or "unable to open" in text:
         mend = "it cannot be written; make it and its folder writable (chmod u+w) and run `dvc repro` again"
     elif "not a database" in text or "malformed" in text:
@@ -82,6 +85,10 @@ def open_client(root: Path) -> MlflowClient:
     for name in ("alembic", "mlflow.store.db.utils"):
         logging.getLogger(name).setLevel(logging.WARNING)
     with _database_errors(database):
+        if not database.exists():
+            # Made aside: MLflow refuses a database that a kill or a full disk left half-made, for ever.
+            with whole_file(database) as temporary:
+                MlflowClient(tracking_uri=f"sqlite:///{temporary}")
         return MlflowClient(tracking_uri=f"sqlite:///{database}")
 
 

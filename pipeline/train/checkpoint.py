@@ -9,7 +9,6 @@ Layout of ``models/train/``::
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +18,7 @@ import pandas as pd
 
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.train import DenoiserParameters, DiffusionParameters, EncoderParameters
+from pipeline.records.texts import parse_json
 from pipeline.records.writing import whole_folder, write_json
 from pipeline.train.representation import Normalisation
 
@@ -79,6 +79,30 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint, history: list[dict[st
         pd.DataFrame(history).to_csv(temporary / "history.csv", index=False, float_format="%.8g")
 
 
+def _check(checkpoint: Checkpoint) -> None:
+    """Check that the weights are those of the network described, before room is made for it, and that all is finite.
+
+    Raises:
+        ValueError: they are not.
+    """
+    import torch
+
+    from pipeline.train.network import GraspModel
+
+    with torch.device("meta"):
+        wanted = GraspModel(checkpoint.encoder, checkpoint.denoiser).state_dict()
+    if {name: value.shape for name, value in wanted.items()} != {
+        name: value.shape for name, value in checkpoint.weights.items()
+    }:
+        raise ValueError("its weights are not those of the network that it describes")
+    numbers = [checkpoint.normalisation.mean, checkpoint.normalisation.deviation]
+    if not all(np.isfinite(array).all() for array in numbers):
+        raise ValueError("its normalisation is not finite")
+    if not all(bool(torch.isfinite(value).all()) for value in checkpoint.weights.values()):
+        raise ValueError("its weights are not finite")
+    checkpoint.model()
+
+
 def read_checkpoint(folder: Path) -> Checkpoint:
     """Read what :func:`write_checkpoint` wrote.
 
@@ -90,7 +114,7 @@ def read_checkpoint(folder: Path) -> Checkpoint:
 
     mend = "run `dvc repro train` to make it again"
     try:
-        config = json.loads((folder / "model.json").read_text())
+        config = parse_json((folder / "model.json").read_text())
         if config["format"] != FORMAT:
             raise UserError(f"{folder} was written by another version (format {config['format']}); {mend}.")
         checkpoint = Checkpoint(
@@ -104,9 +128,9 @@ def read_checkpoint(folder: Path) -> Checkpoint:
             held_out={name: [int(index) for index in own] for name, own in config["held_out"].items()},
             weights=load_file(folder / "model.safetensors"),
         )
-        checkpoint.model()
+        _check(checkpoint)
     except FileNotFoundError as error:
         raise UserError(f"{error.filename or folder} is missing; {mend}.") from error
-    except (ValueError, TypeError, LookupError, RuntimeError, SafetensorError) as error:
+    except (ValueError, TypeError, LookupError, AttributeError, MemoryError, RuntimeError, SafetensorError) as error:
         raise UserError(f"{folder} is damaged ({' '.join(str(error).split())[:120]}); delete it and {mend}.") from error
     return checkpoint

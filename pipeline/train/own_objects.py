@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.records.errors import UserError
+from pipeline.records.geometry import read_geometry_file
 from pipeline.records.objects import PreparedObject
 from pipeline.records.solids import object_of_solid
 
@@ -75,12 +75,8 @@ def _read(source: Path) -> tuple[NDArray[np.float64], trimesh.Trimesh | None]:  
             if points.ndim != 2 or points.shape[1] < 3:
                 raise UserError(f"{source} has the shape {points.shape}; a cloud is an array of n x 3 metres.")
             return points[:, :3], None
-        loaded: Any = trimesh.load(source, process=True)
-        if isinstance(loaded, trimesh.Scene):
-            loaded = loaded.to_mesh() if loaded.geometry else trimesh.Trimesh()
-    except UserError:
-        raise
-    except Exception as error:  # every format has its own
+        loaded = read_geometry_file(source, process=True)
+    except (OSError, ValueError, TypeError, EOFError, MemoryError) as error:
         raise UserError(f"{source} cannot be read as a mesh or a point cloud ({type(error).__name__}).") from error
     points = np.asarray(loaded.vertices, np.float64).reshape(-1, 3)
     return points, loaded if isinstance(loaded, trimesh.Trimesh) and len(loaded.faces) else None

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
+from pipeline.records.geometry import read_geometry_file
 from pipeline.records.objects import PreparedObject, load_prepared_object
 from pipeline.records.parameters import Parameters
 from pipeline.records.reconstructions import (
@@ -102,10 +103,8 @@ class Library:
 
 
 def _mesh(source: Path, capture: str) -> tuple[Any, Any]:
-    import trimesh
-
     try:
-        mesh = trimesh.load_mesh(source, process=False)
+        mesh = read_geometry_file(source)
         return mesh.vertices.astype(float), mesh.faces.astype(int)
     except (ValueError, TypeError, LookupError, EOFError, OSError, AttributeError) as error:
         raise UserError(

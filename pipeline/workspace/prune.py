@@ -1,9 +1,13 @@
-"""Removes outputs of objects that `params.yaml` no longer names, and what killed stages left behind.
+"""Removes outputs of objects that `params.yaml` no longer names, and what killed stages and a killed DVC left behind.
 
 DVC leaves the outputs of a removed object on disk. Stages that gather others' outputs read only the names listed in
 `params.yaml`, so such files never reach a result; but they would stay in the fingerprint of the gathered folder, and a
 fresh clone without them would do the gathering again. So they are removed before anything is gathered. All of them are
 still in DVC's cache: naming the object again brings them back.
+
+DVC writes two of its own files in place, so that a kill can cut them off, and refuses to run with either. Its list of
+who is busy is removed then. Its record `dvc.lock` is moved to `dvc.lock.damaged.tmp`: DVC knows all runs from its cache
+too, and restores their results instead of computing them.
 """
 
 from __future__ import annotations
@@ -15,9 +19,14 @@ import shutil
 import sys
 from pathlib import Path
 
+import yaml
+
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import Parameters, read_parameters
+from pipeline.records.texts import parse_json, parse_yaml
 
+LOCK_FILE = Path("dvc.lock")
+BUSY_FILE = Path(".dvc/tmp/rwlock")
 TEMPORARY = re.compile(r"\..+\.(\d+)\.tmp")  # see records.writing
 
 
@@ -61,10 +70,51 @@ def abandoned_files() -> list[Path]:
     """Return temporary files and folders of stages that were killed while writing, sorted."""
     return sorted(
         entry
-        for folder in (Path("data"), Path("models"), Path("reports"))
-        for entry in folder.rglob(".*.tmp")
+        for folder, below in ((Path("."), ""), (Path("data"), "**/"), (Path("models"), "**/"), (Path("reports"), "**/"))
+        for entry in folder.glob(f"{below}.*.tmp")
         if (match := TEMPORARY.fullmatch(entry.name)) and not _alive(int(match[1]))
     )
+
+
+def cut_off_files() -> list[Path]:
+    """Return those of DVC's own files that a kill cut off; none while another DVC holds its lock."""
+    found = []
+    try:
+        if not isinstance(parse_json(BUSY_FILE.read_text()), dict):
+            found.append(BUSY_FILE)
+    except FileNotFoundError:
+        pass
+    except (OSError, ValueError):
+        found.append(BUSY_FILE)
+    try:
+        content = parse_yaml(LOCK_FILE.read_text())
+        if not isinstance(content, dict) or "schema" not in content:
+            found.append(LOCK_FILE)
+    except FileNotFoundError:
+        pass
+    except (OSError, ValueError, yaml.YAMLError):
+        found.append(LOCK_FILE)
+    return found if found and not _dvc_runs() else []
+
+
+def _dvc_runs() -> bool:
+    """Return whether a DVC of this repository holds its lock, or is busy with a stage."""
+    try:
+        busy = BUSY_FILE.read_text()
+    except OSError:
+        busy = ""
+    return any(_alive(int(number)) for number in re.findall(r'"pid": (\d+)', busy))
+
+
+def mend() -> list[Path]:
+    """Put aside what :func:`cut_off_files` finds, and return it."""
+    found = cut_off_files()
+    for path in found:
+        if path == LOCK_FILE:
+            path.replace(path.with_name(f"{path.name}.damaged.tmp"))
+        else:
+            path.unlink()
+    return found
 
 
 def prune(parameters: Parameters) -> list[Path]:
@@ -82,6 +132,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Command line of this module."""
     parser = argparse.ArgumentParser(prog="python -m pipeline.workspace.prune", description=__doc__)
     parser.parse_args(arguments)
+    for path in mend() if "DVC_STAGE" not in os.environ else []:  # as a stage's command it runs beside DVC
+        print(f"put aside {path}: a killed DVC left it cut off; what it says is known from the cache", file=sys.stderr)
     try:
         for path in prune(read_parameters()):
             print(f"removed {path}: params.yaml no longer asks for it", file=sys.stderr)

@@ -9,7 +9,20 @@ from pathlib import Path
 
 import pytest
 
-COMMANDS = ("repro", "add-object", "test", "ui", "doctor", "lint", "compose", "capture", "replay", "view", "docs")
+COMMANDS = (
+    "repro",
+    "add-object",
+    "test",
+    "ui",
+    "doctor",
+    "lint",
+    "compose",
+    "capture",
+    "replay",
+    "view",
+    "docs",
+    "audit",
+)
 TOOLS = ("bash", "dirname", "sha256sum", "cat", "id", "grep", "env")
 
 

@@ -10,8 +10,9 @@ from typing import get_args
 import pytest
 import yaml
 
-from pipeline.prepare.sources import FILE_FORMATS, UNIT_LENGTHS
+from pipeline.prepare.sources import UNIT_LENGTHS
 from pipeline.records import tables
+from pipeline.records.geometry import FORMATS
 from pipeline.records.parameters import MeshParameters, ObjectParameters, Parameters
 from pipeline.records.parameters.objects import Recipe
 from pipeline.report.meanings import MERGE, SYNTHESIS, TRIALS, VALIDATION
@@ -56,7 +57,7 @@ MADE_ELSEWHERE = {
     "plan/playback.png",
 }
 WORDS = {
-    *FILE_FORMATS,
+    *FORMATS,
     *UNIT_LENGTHS,
     *get_args(Recipe),
     *STYLES,

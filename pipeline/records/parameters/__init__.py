@@ -32,6 +32,7 @@ from pipeline.records.parameters.section import Section
 from pipeline.records.parameters.synthesize import SynthesizeParameters
 from pipeline.records.parameters.train import TrainParameters
 from pipeline.records.parameters.validate import ValidateParameters
+from pipeline.records.texts import parse_yaml
 
 # What the members of a section are, where they are no objects.
 _KINDS = {"harder": "setting"}
@@ -156,7 +157,7 @@ def read_parameters(source: Path = paths.PARAMETERS_FILE) -> Parameters:
         UserError: the file is missing, is not YAML, or has a wrong, unknown or missing value.
     """
     try:
-        content = yaml.safe_load(source.read_text())
+        content = parse_yaml(source.read_text())
     except FileNotFoundError as error:
         raise UserError(f"{source} is missing; run in the repository's root, or `git checkout {source}`.") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:

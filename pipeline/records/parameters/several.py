@@ -13,6 +13,7 @@ from pipeline.records.errors import UserError
 from pipeline.records.parameters.objects import ObjectParameters
 from pipeline.records.parameters.section import Section
 from pipeline.records.parameters.synthesize import Finger
+from pipeline.records.texts import parse_yaml
 
 MOST_OBJECTS = 4
 
@@ -83,7 +84,7 @@ def read_sequence(source: Path) -> SeveralParameters:
         UserError: the file is missing, is not YAML, or has a wrong, unknown or missing value.
     """
     try:
-        return SeveralParameters.model_validate(yaml.safe_load(source.read_text()))
+        return SeveralParameters.model_validate(parse_yaml(source.read_text()))
     except FileNotFoundError as error:
         raise UserError(f"{source} is missing; name a file like conf/several/three.yaml.") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:

@@ -1,0 +1,76 @@
+"""Meshes and point clouds from files that anybody may have made: nothing but the file itself is read.
+
+A mesh file can name others (materials and pictures of obj, glb and ply). They are not looked for: shape is all that is
+wanted, a picture can unpack to any size, and a name can lead to a device, a pipe or the network.
+"""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import trimesh
+
+FORMATS = ("obj", "stl", "ply", "off", "glb")
+MOST_TRIANGLES = 20_000_000  # 40 times the finest YCB scan; a scene of few bytes can repeat one mesh without end
+
+
+def read_geometry(content: bytes, file_type: str, process: bool = False) -> Any:
+    """Return a ``trimesh.Trimesh``, or a ``PointCloud`` where there are no faces.
+
+    A scene becomes one mesh, its transforms applied.
+
+    Args:
+        file_type: one of :data:`FORMATS`.
+        process: whether equal vertices are merged.
+
+    Raises:
+        ValueError: it is of another format or damaged, or holds no shape.
+    """
+    import trimesh
+
+    if file_type not in FORMATS:
+        raise ValueError(f"the format {file_type!r} is not read")
+    try:
+        if file_type == "glb":
+            _check_glb(content)
+        loaded: Any = trimesh.load(
+            io.BytesIO(content), file_type=file_type, resolver=None, process=process, skip_materials=True
+        )
+        return _one(loaded) if isinstance(loaded, trimesh.Scene) else loaded
+    except Exception as error:  # the readers raise whatever the damage happens to trigger
+        raise ValueError(" ".join(str(error).split())[:120] or type(error).__name__) from error
+
+
+def read_geometry_file(source: Path, process: bool = False) -> Any:
+    """Read a file whose ending is its format; see :func:`read_geometry`.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it holds no shape that can be read.
+    """
+    return read_geometry(source.read_bytes(), source.suffix.lower().lstrip("."), process)
+
+
+def _check_glb(content: bytes) -> None:
+    """Refuse numbers without data, for which the reader would make room, and nodes with several parents."""
+    import json
+
+    header = json.loads(content[20 : 20 + int.from_bytes(content[12:16], "little")])
+    if any("bufferView" not in accessor for accessor in header.get("accessors", [])):
+        raise ValueError("it counts values that it does not hold")
+    children = [child for node in header.get("nodes", []) for child in node.get("children", [])]
+    if len(set(children)) < len(children):
+        raise ValueError("its nodes are no tree")
+
+
+def _one(scene: trimesh.Scene) -> trimesh.Trimesh:
+    import trimesh
+
+    faces = {name: len(getattr(item, "faces", ())) for name, item in scene.geometry.items()}
+    total = sum(faces[scene.graph[node][1]] for node in scene.graph.nodes_geometry)
+    if total > MOST_TRIANGLES:
+        raise ValueError(f"it has {total} triangles; at most {MOST_TRIANGLES} are read")
+    return scene.to_mesh() if scene.geometry else trimesh.Trimesh()

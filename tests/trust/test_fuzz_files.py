@@ -1,0 +1,207 @@
+"""Damaged meshes, clouds, pictures and tables, through every reader of files that a user is handed."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pytest
+from hypothesis import given
+
+from pipeline.records.tables import MERGED, read_table, write_table
+from tests.trust.damage import damaged, edits, examples, valid_or_one_sentence
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("files")
+
+
+@pytest.fixture(scope="module")
+def meshes() -> dict[str, bytes]:
+    """A textured box in every format."""
+    import trimesh
+    from PIL import Image
+
+    box = trimesh.creation.box((0.04, 0.05, 0.06))
+    found = {kind: box.export(file_type=kind) for kind in ("obj", "stl", "stl_ascii", "ply", "off", "glb")}
+    painted = box.copy()
+    material = trimesh.visual.material.PBRMaterial(baseColorTexture=Image.new("RGB", (4, 4)))
+    painted.visual = trimesh.visual.TextureVisuals(uv=np.zeros((8, 2)), material=material)
+    found["painted.glb"] = trimesh.Scene([painted, box]).export(file_type="glb")
+    found["ascii.ply"] = box.export(file_type="ply", encoding="ascii")
+    found["stl_ascii.stl"] = found.pop("stl_ascii")
+    found["cloud.npy"] = _npy(np.asarray(box.vertices))
+    return {
+        name if "." in name else f"box.{name}": content.encode() if isinstance(content, str) else content
+        for name, content in found.items()
+    }
+
+
+def _npy(array: np.ndarray) -> bytes:
+    target = io.BytesIO()
+    np.save(target, array)
+    return target.getvalue()
+
+
+MESHES = ["box.obj", "box.stl", "stl_ascii.stl", "box.ply", "ascii.ply", "box.off", "box.glb", "painted.glb"]
+
+
+@pytest.mark.parametrize("name", [*MESHES, "cloud.npy"])
+@examples(5)
+@given(changes=edits)
+def test_meshes(place, meshes, name, changes):
+    from pipeline.prepare.sources import load_triangles
+    from pipeline.train.own_objects import load_own_object
+
+    source = place / name
+    source.write_bytes(damaged(meshes[name], changes))
+    if not name.endswith(".npy"):
+        valid_or_one_sentence(lambda: load_triangles(source, "meshes.box"))
+    valid_or_one_sentence(lambda: load_own_object(source))
+    source.unlink()
+    assert list(place.iterdir()) == []
+
+
+@examples(12)
+@given(changes=edits)
+def test_true_surfaces_of_a_capture(place, meshes, changes):
+    from pipeline.reconstruct.reconstruction import true_surfaces
+    from pipeline.records.captures import Truth
+
+    source = place / "box.ply"
+    source.write_bytes(damaged(meshes["ascii.ply" if len(changes) % 2 else "box.ply"], changes))
+    valid_or_one_sentence(lambda: true_surfaces(Truth({"box": source}, False, {})))
+    source.unlink()
+
+
+def _picture(kind: str) -> bytes:
+    from PIL import Image
+
+    target = io.BytesIO()
+    pixels = np.arange(80 * 96 * 3, dtype=np.uint32).reshape(80, 96, 3) % 251
+    picture = Image.fromarray(pixels.astype(np.uint8))
+    exif = Image.Exif()
+    exif[274] = 6
+    picture.save(target, kind, exif=exif)
+    return target.getvalue()
+
+
+@pytest.fixture(scope="module")
+def pictures() -> dict[str, bytes]:
+    normals = np.zeros((80, 96, 3), np.float32) + [0, 0, -1]
+    return {"a.jpg": _picture("JPEG"), "a.png": _picture("PNG"), "a.npy": _npy(normals.astype(np.float32))}
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a.png", "a.npy"])
+@examples(12)
+@given(changes=edits)
+def test_pictures(place, pictures, name, changes):
+    from pipeline.reconstruct.normal_maps import read_normals
+    from pipeline.reconstruct.photos import read_colours, read_grey
+
+    source = place / name
+    source.write_bytes(damaged(pictures[name], changes))
+    readers = [read_normals] if name == "a.npy" else [read_grey, read_colours, read_normals]
+    for reader in readers:
+        valid_or_one_sentence(lambda reader=reader: reader(source))
+    source.unlink()
+
+
+def merged_rows(count: int = 2) -> pd.DataFrame:
+    """Made-up grasps with everything set."""
+    rows = []
+    for number in range(count):
+        row = {}
+        for field in MERGED:
+            kind = field.type
+            if pa.types.is_fixed_size_list(kind):
+                row[field.name] = [1.0] + [0.0] * (kind.list_size - 1)
+            elif pa.types.is_list(kind):
+                row[field.name] = [1.0] + [0.0] * (2 if "direction" in field.name else 15)
+            elif pa.types.is_string(kind):
+                row[field.name] = {"object0": "cube", "object1": "soup_can"}.get(field.name, "")
+            else:
+                row[field.name] = number
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+@pytest.fixture(scope="module")
+def merged_table(tmp_path_factory) -> bytes:
+    target = tmp_path_factory.mktemp("merged") / "table.parquet"
+    write_table(target, merged_rows(), MERGED)
+    return target.read_bytes()
+
+
+@examples(20)
+@given(changes=edits)
+def test_tables_of_grasps(place, merged_table, changes):
+    from pipeline.evaluate.grasps import accepted_grasps
+    from pipeline.evaluate.plan import _grasp
+    from pipeline.share.project import WorkingFolder, read_columns
+    from pipeline.train.data import grasps_of
+
+    source = place / "table.parquet"
+    source.write_bytes(damaged(merged_table, changes))
+    folder = WorkingFolder(place)
+    valid_or_one_sentence(lambda: accepted_grasps(read_table(source, MERGED, "merge@cube")))
+    valid_or_one_sentence(lambda: grasps_of(read_table(source, MERGED, "merge@cube")))
+    valid_or_one_sentence(lambda: read_columns(folder, Path("table.parquet"), MERGED, "merge@cube"))
+    valid_or_one_sentence(lambda: _grasp(source, None))
+    source.unlink()
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory) -> bytes:
+    from pipeline.evaluate.recording import About, Recording, write_recording
+
+    target = tmp_path_factory.mktemp("recording") / "a.parquet"
+    poses = np.zeros((2, 3, 7))
+    about = About("synthesized/a/b/0", ("a", "b"), "success", 0.05)
+    write_recording(target, Recording(about, np.arange(3.0), ["x"] * 3, np.zeros((3, 23)), poses))
+    return target.read_bytes()
+
+
+@examples(20)
+@given(changes=edits)
+def test_recordings(place, recording, changes):
+    from pipeline.evaluate.recording import read_recording
+
+    source = place / "recording.parquet"
+    source.write_bytes(damaged(recording, changes))
+    valid_or_one_sentence(lambda: read_recording(source))
+    source.unlink()
+
+
+WRONG = {
+    "merged_id": [None],
+    "q": [[float("nan")] * 16, [float("inf")] * 16],
+    "squeeze_q": [[1e400] * 16],
+    "open_q0": [None, [], [0.0] * 15, [None] * 16],
+    "open_q1": [[0.0] * 17],
+    "approach_direction0": [None, [1.0, 0.0]],
+    "approach_direction1": [[float("nan")] * 3],
+    "position_hand_object0": [[float("inf"), 0.0, 0.0]],
+    "quaternion_hand_object1": [[0.0] * 4, [2.0, 0.0, 0.0, 0.0]],
+    "object0": [None, "../../../etc", "a/b", ""],
+}
+
+
+@pytest.mark.parametrize(("column", "value"), [(name, value) for name, values in WRONG.items() for value in values])
+def test_a_grasp_from_elsewhere_that_is_none_is_refused(place, column, value):
+    """The columns are right, and what is in them is not."""
+    from pipeline.evaluate.plan import _grasp
+
+    source = place / "table.parquet"
+    rows = merged_rows()
+    rows[column] = [value] * len(rows)
+    try:
+        write_table(source, rows, MERGED)
+    except pa.ArrowInvalid:
+        pytest.skip("no such table can be written")
+    assert valid_or_one_sentence(lambda: _grasp(source, None))
+    source.unlink()
