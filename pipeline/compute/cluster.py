@@ -7,6 +7,7 @@ sent back, and only the stage's own process reads and writes the pipeline's file
 from __future__ import annotations
 
 import atexit
+import logging
 import pickle
 import signal
 import sys
@@ -51,6 +52,8 @@ def connection(address: str, workers: int) -> Any:
             f"compute.backend is dask, but {error.name} is not installed; run `pip install -e .[cluster]`, or set "
             "compute.backend to processes."
         ) from error
+    # What is wrong is said in sentences of our own; Dask's log tells every end of a worker in twenty lines.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     # Parts common to all items are sent once and may be large; there is nothing to split.
     dask.config.set({"distributed.admin.large-graph-warning-threshold": "10 GB"})
     # By Dask's 15 s, an own worker that happens to be down 15 s after it was killed would be given up.
@@ -62,7 +65,11 @@ def connection(address: str, workers: int) -> Any:
         try:
             # No limit on memory: by Dask's, workers would pause or be killed long before memory ends.
             cluster = LocalCluster(
-                n_workers=workers, threads_per_worker=1, memory_limit=0, dashboard_address=None, silence_logs="CRITICAL"
+                n_workers=workers,
+                threads_per_worker=1,
+                memory_limit=0,
+                dashboard_address=None,
+                silence_logs=logging.CRITICAL,
             )
             client = Client(cluster)
             atexit.register(cluster.close)
@@ -91,6 +98,21 @@ def run_on_cluster(
         WorkersLost: items whose workers died again and again, when all others are done.
         UserError: a worker has other code or packages, or the scheduler is gone.
     """
+    from concurrent.futures import CancelledError
+
+    from distributed.comm import CommClosedError
+
+    try:
+        yield from _as_done(function, items, numbers, client, label)
+    except (CancelledError, CommClosedError) as error:
+        raise UserError(
+            "the Dask scheduler is gone, or has dropped this stage's work; start the scheduler and run the stage again."
+        ) from error
+
+
+def _as_done(
+    function: Callable[[Item], Result], items: Sequence[Item], numbers: Sequence[int], client: Any, label: str
+) -> Iterator[tuple[int, Result]]:
     from distributed import as_completed
 
     call, common = _common_part(function)
@@ -113,7 +135,7 @@ def run_on_cluster(
         for future in flying:
             number = known.pop(future)
             try:
-                yield number, pickle.loads(_outcome(future, client))
+                yield number, pickle.loads(_outcome(future))
             except WorkersLost as lost:
                 suspects.append(number)
                 deaths = max(deaths, lost.deaths)
@@ -121,32 +143,26 @@ def run_on_cluster(
                 room, looked = AHEAD * max(len(client.nthreads()), 1), time.monotonic()
             give()
     finally:
-        if known:
+        if known and client.status == "running":
             client.cancel(list(known), force=True)
     if suspects:
         raise WorkersLost(suspects, deaths)
 
 
-def _outcome(future: Any, client: Any) -> bytes:
+def _outcome(future: Any) -> bytes:
     """Return what the worker sent.
 
     Raises:
         WorkersLost: the item's workers died again and again.
-        UserError: a worker has other code or packages, or the scheduler is gone.
+        UserError: a worker has other code or packages.
         Exception: whatever the item raised.
     """
-    from concurrent.futures import CancelledError
-
     from distributed import KilledWorker
 
     try:
         return future.result()
     except KilledWorker as killed:
         raise WorkersLost([], killed.allowed_failures + 1) from killed
-    except CancelledError as error:
-        raise UserError(
-            "the Dask scheduler is gone, or has dropped this stage's work; start the scheduler and run the stage again."
-        ) from error
     except ModuleNotFoundError as error:
         if (error.name or "").split(".")[0] != "pipeline":
             raise

@@ -1,4 +1,4 @@
-"""Whether two processes would compute the same bytes: the same code and the same packages."""
+"""Whether two processes would compute the same bytes: with the same code and packages, on like processors."""
 
 from __future__ import annotations
 
@@ -47,11 +47,26 @@ def _version(package: str) -> str:
         return "missing"
 
 
+def _processor() -> str:
+    """Return which instructions the libraries of arrays use here.
+
+    They round differently: with ``OPENBLAS_CORETYPE=Nehalem``, or with AVX2 kept from numpy, the bytes of validation
+    are others.
+    """
+    import numpy as np
+    import threadpoolctl
+
+    found = np.show_config(mode="dicts")["SIMD Extensions"]["found"]  # type: ignore[index]
+    blas = {each["architecture"] for each in threadpoolctl.threadpool_info() if each["internal_api"] == "openblas"}
+    return "+".join([*sorted(blas), *found])
+
+
 @lru_cache(maxsize=1)
 def circumstances() -> dict[str, str]:
     """Return what this process computes with, as it was when this was first asked here."""
     return {
         "the code of pipeline/": source_digest(Path(pipeline.__file__).parent),
+        "the processor, as numpy uses it,": _processor(),
         "python": ".".join(map(str, sys.version_info[:2])),
         **{package: _version(package) for package in PACKAGES},
     }
