@@ -14,7 +14,7 @@ import sys
 import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from itertools import islice
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
@@ -34,7 +34,7 @@ LOOK_SECONDS = 2.0  # between looks at how many workers there are
 _sent: WeakKeyDictionary[Shared[Any], Any] = WeakKeyDictionary()
 
 
-@lru_cache(maxsize=1)
+@cache
 def connection(address: str, workers: int) -> Any:
     """Return the client of the scheduler at ``address``, or of an own cluster of ``workers`` processes when it is ''.
 
@@ -59,6 +59,8 @@ def connection(address: str, workers: int) -> Any:
     # By Dask's 15 s, an own worker that happens to be down 15 s after it was killed would be given up.
     dask.config.set({"distributed.deploy.lost-worker-timeout": "1 day"})
     dask.config.set({"distributed.scheduler.allowed-failures": PATIENCE - 1})
+    # What is shared stays on all workers between two rounds of a search.
+    dask.config.set({"distributed.scheduler.active-memory-manager.start": False})
     if not address:
         # Workers inherit this: Ctrl-C is for this process, which then ends them. While they start, it is not heard.
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)
