@@ -59,6 +59,8 @@ def connection(address: str, workers: int) -> Any:
     # By Dask's 15 s, an own worker that happens to be down 15 s after it was killed would be given up.
     dask.config.set({"distributed.deploy.lost-worker-timeout": "1 day"})
     dask.config.set({"distributed.scheduler.allowed-failures": PATIENCE - 1})
+    # Workers need not look every 10 ms at what they do, for a page that nobody opens.
+    dask.config.set({"distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "500 ms"})
     # What is shared stays on all workers between two rounds of a search.
     dask.config.set({"distributed.scheduler.active-memory-manager.start": False})
     if not address:
