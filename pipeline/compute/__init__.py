@@ -1,1 +1,1 @@
-"""Fan-out of independent items over processes (or, later, a cluster)."""
+"""Fan-out of independent items over processes of this machine or of a cluster."""

@@ -20,7 +20,7 @@ def evaluate(source: str, first: str) -> None:
         UserError: an input is missing or damaged, or params.yaml does not name the object for this source.
     """
     parameters = load_parameters(sections(source, first))
-    workers = read_parameters().compute.workers
+    workers = read_parameters().compute
     seconds = second_objects(source, first, parameters)
 
     import pandas as pd

@@ -55,7 +55,7 @@ def evaluate(name: str) -> None:
         UserError: an input is missing or damaged, or params.yaml does not name the setting.
     """
     parameters = load_parameters(sections(name))
-    workers = read_parameters().compute.workers
+    workers = read_parameters().compute
 
     import pandas as pd
 

@@ -25,7 +25,7 @@ def merge(first: str) -> None:
         UserError: an input is missing or damaged, or ``styles.pinch`` does not name the object.
     """
     parameters = load_parameters(sections())
-    workers = read_parameters().compute.workers
+    workers = read_parameters().compute
     seed, second_objects = parameters["seed"], parameters["styles"].after(first)
 
     from pipeline.merge.pairs import merge_pairs, ready_firsts, summary

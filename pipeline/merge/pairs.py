@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.compute.fan_out import fan_out
+from pipeline.compute.fan_out import Workers, fan_out
 from pipeline.compute.shared import Shared
 from pipeline.merge.draws import Combination, next_combinations, random_order
 from pipeline.pairing.combination import Pair, try_combination
@@ -27,7 +27,7 @@ SPARE = 4  # combinations tried at once beyond those still wanted: some will be 
 
 
 def ready_firsts(
-    object0: PreparedObject, physics: PhysicsParameters | None, grasps: Sequence[SingleGrasp], workers: int
+    object0: PreparedObject, physics: PhysicsParameters | None, grasps: Sequence[SingleGrasp], workers: Workers
 ) -> list[ReadyFirst]:
     """Return every pinch grasp with what can be said of it alone; see :func:`ready_first`."""
     with Shared((object0, physics)) as shared:
@@ -76,7 +76,7 @@ def merge_pairs(
     firsts: Sequence[ReadyFirst],
     seconds: Mapping[str, Sequence[SingleGrasp]],
     generators: Mapping[str, np.random.Generator],
-    workers: int,
+    workers: Workers,
 ) -> dict[str, pd.DataFrame]:
     """Return the tables ``MERGED`` of pairs: every tried combination with its fate, in the order of trial.
 

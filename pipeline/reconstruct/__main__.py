@@ -29,7 +29,7 @@ def run(name: str) -> None:
     # What would be told at the end is told before the long work.
     check_writable(paths.reconstruction_folder(name))
     true_surfaces(truth)
-    result = reconstruct(capture, settings, seed, read_parameters().compute.workers)
+    result = reconstruct(capture, settings, seed, read_parameters().compute)
     metrics = metrics_of(result, settings.method, truth)
     pictures = pictures_of(capture, result.sparse.views, result.views, result.dense)
     cameras = cameras_of(result.views)

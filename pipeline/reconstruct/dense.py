@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.compute.fan_out import fan_out
+from pipeline.compute.fan_out import Workers, fan_out
 from pipeline.reconstruct.fusion import Points, fuse, thinned
 from pipeline.reconstruct.plane_sweep import (
     SECOND_ANGLE,
@@ -124,7 +124,7 @@ def dense_objects(
     scene: Scene,
     sweeping: SweepParameters,
     settings: SurfaceParameters,
-    workers: int,
+    workers: Workers,
 ) -> dict[str, DenseObject]:
     """Return per object what was measured of it, and its closed surface.
 

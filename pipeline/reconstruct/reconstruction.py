@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.compute.fan_out import Workers
 from pipeline.reconstruct.accuracy import Accuracy, compare
 from pipeline.reconstruct.alignment import Alignment, align
 from pipeline.reconstruct.dense import DenseObject, dense_objects
@@ -59,7 +60,7 @@ def in_object_frame(name: str, item: SceneObject, found: DenseObject, count: int
     )
 
 
-def reconstruct(capture: Capture, settings: ReconstructParameters, seed: int, workers: int) -> Reconstruction:
+def reconstruct(capture: Capture, settings: ReconstructParameters, seed: int, workers: Workers) -> Reconstruction:
     """Return the objects of a capture, metric.
 
     Raises:

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from pipeline.compute.fan_out import fan_out
+from pipeline.compute.fan_out import Workers, fan_out
 from pipeline.compute.warp import warp
 from pipeline.reconstruct.dense import LEAST_VIEWS, DenseObject
 from pipeline.reconstruct.fusion import Points, thinned
@@ -308,7 +308,7 @@ def splatted_objects(
     scene: Scene,
     settings: ReconstructParameters,
     seed: int,
-    workers: int,
+    workers: Workers,
 ) -> dict[str, DenseObject]:
     """Return the objects of the plane sweep with the surfaces that splatting makes of them.
 

@@ -47,7 +47,7 @@ def demonstrate(source: Path, output: Path, workers: int | None) -> None:
         UserError: the description is unusable, an object cannot be prepared, or the folder cannot be written to.
     """
     sequence, parameters = read_sequence(source), read_parameters()
-    processes = parameters.compute.workers if workers is None else workers
+    processes = parameters.compute if workers is None else workers
 
     import pandas as pd
 

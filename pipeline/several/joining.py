@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.compute.fan_out import fan_out
+from pipeline.compute.fan_out import Workers, fan_out
 from pipeline.compute.shared import Shared
 from pipeline.merge.draws import Combination, next_combinations, random_order
 from pipeline.pairing.combination import Task, Verdict, check_combination
@@ -23,7 +23,7 @@ CHUNK = 8  # combinations tried at once; not the number of workers, on which res
 STORE = 20  # combinations in store for each that may be tried: those whose grasps are used up are passed over
 
 
-def ready_grasps(task: Task, grasps: Sequence[Sequence[SingleGrasp]], workers: int) -> list[list[Settled]]:
+def ready_grasps(task: Task, grasps: Sequence[Sequence[SingleGrasp]], workers: Workers) -> list[list[Settled]]:
     """Return the grasps of every object with what can be said of each alone; the last object has nothing to settle."""
     ready: list[list[Settled]] = []
     for number, own in enumerate(grasps):
@@ -45,7 +45,11 @@ def _ready(shared: Shared[tuple[Task, int]], grasp: SingleGrasp) -> Settled:
 
 
 def join_all(
-    task: Task, ready: Sequence[Sequence[Settled]], sequence: SeveralParameters, rng: np.random.Generator, workers: int
+    task: Task,
+    ready: Sequence[Sequence[Settled]],
+    sequence: SeveralParameters,
+    rng: np.random.Generator,
+    workers: Workers,
 ) -> pd.DataFrame:
     """Return the table ``JOINED``: every tried combination with its fate, in the order of trial.
 

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pipeline.compute.fan_out import Workers
 from pipeline.hand.approach import straight
 from pipeline.hand.moves import finger_joints
 from pipeline.hand.support import PLANE, Support
@@ -52,7 +53,7 @@ def with_straight(q: NDArray[np.float64], fingers: Sequence[str]) -> NDArray[np.
 
 
 def single_grasps(
-    number: int, prepared: PreparedObject, sequence: SeveralParameters, parameters: Parameters, workers: int
+    number: int, prepared: PreparedObject, sequence: SeveralParameters, parameters: Parameters, workers: Workers
 ) -> pd.DataFrame:
     """Return the table ``VALIDATED`` of the object of one pick."""
     pick = sequence.picks[number]

@@ -20,7 +20,7 @@ def sections(style: str, object_name: str) -> list[str]:
 def synthesize_object(style: str, object_name: str) -> None:
     """Read parameters and prepared object, run the chains, write the table of candidates."""
     parameters = load_parameters(sections(style, object_name))
-    workers = read_parameters().compute.workers
+    workers = read_parameters().compute
     prepared = load_prepared_object(object_name)
     from pipeline.synthesize.candidates import Request, synthesize
 

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.compute.fan_out import fan_out
+from pipeline.compute.fan_out import Workers, fan_out
 from pipeline.energy.scene import EnergyScene, Grasps, Terms, contact_slots
 from pipeline.hand.allegro import Hand, load_hand
 from pipeline.records.objects import PreparedObject
@@ -118,7 +118,7 @@ def block_rows(block: Block, grasps: Grasps, terms: Terms) -> pd.DataFrame:
     )
 
 
-def synthesize(request: Request, workers: int) -> pd.DataFrame:
+def synthesize(request: Request, workers: Workers) -> pd.DataFrame:
     """Return one row per chain (``records.tables.CANDIDATES``), in the order of the chains."""
     blocks = split_chains(request)
     # Compile once here; the processes then find the kernels in the cache.

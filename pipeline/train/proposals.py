@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.compute.fan_out import fan_out
+from pipeline.compute.fan_out import Workers, fan_out
 from pipeline.compute.shared import Shared
 from pipeline.hand.allegro import load_hand
 from pipeline.pairing.combination import Pair, try_combination
@@ -70,7 +70,7 @@ def draw_grasps(checkpoint: Checkpoint, model: GraspModel, task: Task, energy: P
     return Drawn(raw, ranked, violation.max(1))
 
 
-def check_grasps(task: Task, drawn: Drawn, workers: int) -> pd.DataFrame:
+def check_grasps(task: Task, drawn: Drawn, workers: Workers) -> pd.DataFrame:
     """Return the table ``MERGED`` of one pair: samples in their order until enough are accepted, each with its fate.
 
     ``grasp0_id`` and ``grasp1_id`` are the place of the sample in that order, and so is ``merged_id``.

@@ -95,7 +95,7 @@ class _Stage:
         from pipeline.train.checkpoint import read_checkpoint
 
         self.parameters = parameters
-        self.workers = read_parameters().compute.workers
+        self.workers = read_parameters().compute
         self.checkpoint = read_checkpoint(paths.MODEL_FOLDER)
         self.model = self.checkpoint.model()
 
@@ -186,7 +186,7 @@ def sample_own(sources: tuple[Path, Path], count: int, output: Path) -> None:
         UserError: a file cannot be used, or there is no trained model.
     """
     parameters = load_parameters(sections())
-    workers = read_parameters().compute.workers
+    workers = read_parameters().compute
 
     from time import perf_counter
 

@@ -29,7 +29,7 @@ def main(style: str, object_name: str) -> None:
         prepared,
         parameters["physics"],
         parameters["validate"],
-        read_parameters().compute.workers,
+        read_parameters().compute,
         f"validate-{style}@{object_name}",
     )
     write_table(paths.validated_file(style, object_name), rows, VALIDATED)

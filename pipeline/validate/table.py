@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.compute.fan_out import fan_out
+from pipeline.compute.fan_out import Workers, fan_out
 from pipeline.hand.support import PLANE, Support
 from pipeline.physics.holding import Holding
 from pipeline.records.objects import PreparedObject
@@ -40,7 +40,7 @@ def validate_table(
     prepared: PreparedObject,
     settings: PhysicsParameters,
     limits: ValidateParameters,
-    workers: int,
+    workers: Workers,
     label: str,
     support: Support = PLANE,
 ) -> pd.DataFrame:

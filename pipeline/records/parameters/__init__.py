@@ -20,6 +20,7 @@ from pydantic import Field, ValidationError, model_validator
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.capture import CaptureParameters, ReconstructedParameters, RenderingParameters
+from pipeline.records.parameters.compute import ComputeParameters
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.harder import HarderParameters, overridden
 from pipeline.records.parameters.merge import MergeParameters
@@ -27,7 +28,7 @@ from pipeline.records.parameters.objects import MeshParameters, ObjectParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.prepare import PrepareParameters
 from pipeline.records.parameters.reconstruct import ReconstructParameters
-from pipeline.records.parameters.report import ComputeParameters, ReportParameters, TrackParameters
+from pipeline.records.parameters.report import ReportParameters, TrackParameters
 from pipeline.records.parameters.section import Section
 from pipeline.records.parameters.synthesize import SynthesizeParameters
 from pipeline.records.parameters.train import TrainParameters

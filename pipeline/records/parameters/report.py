@@ -21,9 +21,3 @@ class TrackParameters(Section):
     """The MLflow record."""
 
     experiment: str = Field("sequential-grasping", min_length=1, description="MLflow experiment name.")
-
-
-class ComputeParameters(Section):
-    """Where independent items run; never an input of a stage, as results do not depend on it."""
-
-    workers: int = Field(0, ge=0, le=1024, description="Processes; 0 means one per core.")
