@@ -227,8 +227,8 @@ class Soak:
         for stage in self.durations:
             while len(self.kills) < kills and self.count()[stage] < each or not self.count()[stage]:
                 self.run(each, "--force", "--single-item", stage)
-        while not self.run(0):
-            pass
+                while not self.run(0):
+                    pass
 
 
 def files_of(root: Path) -> Iterator[Path]:

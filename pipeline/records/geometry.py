@@ -10,6 +10,9 @@ import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 if TYPE_CHECKING:
     import trimesh
 
@@ -39,7 +42,9 @@ def read_geometry(content: bytes, file_type: str, process: bool = False) -> Any:
         loaded: Any = trimesh.load(
             io.BytesIO(content), file_type=file_type, resolver=None, process=process, skip_materials=True
         )
-        return _one(loaded) if isinstance(loaded, trimesh.Scene) else loaded
+        mesh = _one(loaded) if isinstance(loaded, trimesh.Scene) else loaded
+        _check_arrays(np.asarray(mesh.vertices), np.asarray(getattr(mesh, "faces", ())))
+        return mesh
     except Exception as error:  # the readers raise whatever the damage happens to trigger
         raise ValueError(" ".join(str(error).split())[:120] or type(error).__name__) from error
 
@@ -64,6 +69,14 @@ def _check_glb(content: bytes) -> None:
     children = [child for node in header.get("nodes", []) for child in node.get("children", [])]
     if len(set(children)) < len(children):
         raise ValueError("its nodes are no tree")
+
+
+def _check_arrays(vertices: NDArray[Any], faces: NDArray[Any]) -> None:
+    """Refuse vertices that are no points, and faces that name vertices which do not exist."""
+    if vertices.size and (vertices.ndim != 2 or vertices.shape[1] != 3):
+        raise ValueError("its vertices have not three coordinates")
+    if faces.size and (faces.ndim != 2 or faces.shape[1] != 3 or faces.min() < 0 or faces.max() >= len(vertices)):
+        raise ValueError("its faces name vertices that it does not hold")
 
 
 def _one(scene: trimesh.Scene) -> trimesh.Trimesh:

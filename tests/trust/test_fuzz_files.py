@@ -66,6 +66,20 @@ def test_meshes(place, meshes, name, changes):
     assert list(place.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    "text", ["v 1\nv 2\nv 3\nf 1 2 3\n", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "v 0 0 0\nf 1 1 -7\n"]
+)
+def test_an_obj_of_no_points_or_of_foreign_corners(place, text):
+    from pipeline.prepare.sources import load_triangles
+    from pipeline.train.own_objects import load_own_object
+
+    source = place / "a.obj"
+    source.write_text(text)
+    assert valid_or_one_sentence(lambda: load_triangles(source, "meshes.box"))
+    assert valid_or_one_sentence(lambda: load_own_object(source))
+    source.unlink()
+
+
 @examples(12)
 @given(changes=edits)
 def test_true_surfaces_of_a_capture(place, meshes, changes):
