@@ -99,7 +99,7 @@ def _truncated_normal(
     from scipy.special import ndtr, ndtri
 
     low, high = ndtr((hand.lower - mean) / sigma), ndtr((hand.upper - mean) / sigma)
-    return np.clip(mean + sigma * ndtri(low + rng.random(16) * (high - low)), hand.lower, hand.upper)
+    return np.clip(mean + sigma * ndtri(low + rng.random(len(mean)) * (high - low)), hand.lower, hand.upper)
 
 
 def draw_seed(

@@ -142,7 +142,7 @@ class HandDescription(Section):
     joints: list[str] = Field(min_length=1, description="All moving joints; the order of every table's q.")
     fingers: dict[str, FingerDescription] = Field(description="Fingers by name; `palm` is the part that does not move.")
     opposing: list[str] = Field(
-        min_length=1, description="Fingers that the others press against: both groups carry half of the force each."
+        description="Fingers that the others press against: both groups carry half of the force each; none: all equal."
     )
     palm_normal: Vector = Field(description="Unit vector from the hand's origin to objects before it, hand frame.")
     tips: list[str] = Field(description="Links with the friction of fingertips.")
