@@ -108,6 +108,8 @@ class Parameters(Section):
                 raise ValueError(f"styles.{name} names objects, but {where}.finger_sets is empty; fill it, or name none")
             if style.finger_sets and name not in hand.styles:
                 raise ValueError(f"{where}: the hand {self.hand} has no such style; its finger_sets must be []")
+            if not style.finger_sets:
+                continue
             for finger in (finger for fingers in style.finger_sets for finger in fingers):
                 if finger not in hand.fingers:
                     raise ValueError(
