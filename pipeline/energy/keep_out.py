@@ -1,7 +1,7 @@
 """Where the other object of a pair and the fingers that hold it may be: places to leave free.
 
 A pinch grasp and a side grasp are synthesized apart and joined later into one hand. Each of them leaves free what a
-typical grasp of the other style takes (of the Allegro, the only hand that picks two): the fingers of that style in a spread of postures in which they hold an object,
+typical grasp of the other style takes: the fingers of that style in a spread of postures in which they hold an object,
 and, for side grasps, a ball between the pinching fingertips. All of it is fixed in the hand frame, so that one set of
 points serves all grasps. Only what stands out for sure is meant; whether two grasps agree is decided when they merge.
 """

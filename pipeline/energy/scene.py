@@ -112,7 +112,9 @@ def hand_parts(hand: Hand) -> HandParts:
 
 
 @lru_cache(maxsize=4)
-def hand_arrays(hand: Hand, device: str, point_count: int, with_mount: bool, keep_out_for: tuple[str, ...] | None) -> Any:
+def hand_arrays(
+    hand: Hand, device: str, point_count: int, with_mount: bool, keep_out_for: tuple[str, ...] | None
+) -> Any:
     """Return ``kernel.HandArrays`` of the hand with ``point_count`` surface points.
 
     Args:
@@ -245,7 +247,9 @@ class EnergyScene:
         self.device = device
         keep_out_for = None if style.keep_out_margin is None else fingers_used(style.finger_sets)
         self.joint_count = (hand or load_hand()).joint_count
-        self.hand = hand_arrays(hand or load_hand(), device, energy.hand_points, style.mount_clearance is not None, keep_out_for)
+        self.hand = hand_arrays(
+            hand or load_hand(), device, energy.hand_points, style.mount_clearance is not None, keep_out_for
+        )
         self.scene = object_arrays(device, prepared, energy, style)
         self.energy = energy
 

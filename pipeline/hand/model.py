@@ -1,7 +1,7 @@
 """A hand as arrays: links, joints, limits, collision shapes, fingers and contact candidates.
 
-Made of a hand's description (``records.parameters.hand``) and of the URDF that physics loads, so that synthesis and simulation
-cannot disagree on joints and limits. Nothing here is about one hand.
+Made of a hand's description (``records.parameters.hand``) and of the URDF that physics loads, so that synthesis and
+simulation cannot disagree on joints and limits. Nothing here is about one hand.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from pipeline.records.errors import UserError
 from pipeline.records.parameters.hand import (
     ALLEGRO,
     MOUNT_LINKS,
-    PALM,
     CapDescription,
     ContactDescription,
     GridDescription,
@@ -180,7 +179,7 @@ def hand_of_file(file: Path) -> Hand:
         may_overlap=tuple(description.may_overlap),
         never_meeting=tuple(tuple(group) for group in description.never_meeting),
         mounted=description.mount is not None,
-        styles=dict(description.styles),
+        styles={str(name): style for name, style in description.styles.items()},
     )
 
 
@@ -198,7 +197,9 @@ def urdf_file(source: UrdfSource, folder: Path) -> Path:
     else:
         spec = find_spec(source.package)
         if spec is None or not spec.submodule_search_locations:
-            raise UserError(f"the package {source.package} is not installed; run `./dev doctor` to set the environment up.")
+            raise UserError(
+                f"the package {source.package} is not installed; run `./dev doctor` to set the environment up."
+            )
         file = Path(spec.submodule_search_locations[0]) / source.path
     if not file.is_file():
         raise UserError(f"{folder / 'hand.yaml'}: there is no URDF {file}; correct `urdf` there.")

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import RING_LINKS
 from pipeline.hand.kinematics import link_poses, points_on_links
 from pipeline.hand.model import Hand, load_hand
 from pipeline.hand.surface import hand_surface
@@ -36,6 +35,6 @@ def part_points(style: str, q: NDArray[np.float64], count: int = 300) -> NDArray
     """
     hand = load_hand()
     links, points = hand_surface(count)
-    ring = np.isin(links, [hand.link(name) for name in RING_LINKS])
+    ring = np.isin(links, [hand.link(name) for name in part_links(["ring"], hand)])
     own = ring | (links == hand.link("base_link")) if style == "side" else ~ring
     return points_on_links(link_poses(hand, q[None]), links[own], points[own])[0]

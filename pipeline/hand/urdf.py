@@ -91,7 +91,9 @@ class Urdf:
         limit = joint.find("limit")
         lower, upper = (None if limit is None else limit.get(end) for end in ("lower", "upper"))
         if lower is None or upper is None or not float(lower) < float(upper):
-            raise UserError(f"{self.file}: the joint {joint.get('name')!r} needs limits, lower < upper; add them there.")
+            raise UserError(
+                f"{self.file}: the joint {joint.get('name')!r} needs limits, lower < upper; add them there."
+            )
         return float(lower), float(upper)
 
     def has_shape(self, link: str) -> bool:

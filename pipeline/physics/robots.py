@@ -108,7 +108,8 @@ def add_robot(
 
     Args:
         arm: False: J joints in the order of ``hand.joint_names``, root of the hand.
-            True, for the Allegro only: 23 joints in the order of ``hand.robot.ROBOT_JOINT_NAMES``, root ``panda_link0``.
+            True, for the Allegro only: 23 joints in the order of ``hand.robot.ROBOT_JOINT_NAMES``, root
+            ``panda_link0``.
         T_world_root: (4, 4) pose of the root link.
         q: (J,) or (23,) first joint positions and drive targets, rad.
         hand: the Allegro when left out.

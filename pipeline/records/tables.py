@@ -2,8 +2,8 @@
 
 Every table keeps rejected rows too; ``rejected_by`` names the first check that a row failed and is empty for a row
 that passed. Lengths are metres, angles radians, quaternions wxyz, ``position_a_b`` and ``quaternion_a_b`` together
-are ``T_a_b`` (maps coordinates in b to a). ``q`` is always in the order of ``joints`` in the hand's description, for the
-Allegro ``joint_0.0`` ... ``joint_15.0``. A table of another hand names it in the file's metadata, see ``of_hand``.
+are ``T_a_b`` (maps coordinates in b to a). ``q`` is always in the order of ``joints`` in the hand's description, for
+the Allegro ``joint_0.0`` ... ``joint_15.0``. A table of another hand names it in the file's metadata, see ``of_hand``.
 """
 
 from __future__ import annotations

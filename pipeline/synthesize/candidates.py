@@ -123,9 +123,7 @@ def synthesize(request: Request, workers: int) -> pd.DataFrame:
     """Return one row per chain (``records.tables.CANDIDATES``), in the order of the chains."""
     blocks = split_chains(request)
     # Compile once here; the processes then find the kernels in the cache.
-    EnergyScene(
-        request.prepared, request.energy, request.settings, request.optimizer.device, request.hand
-    ).compile()
+    EnergyScene(request.prepared, request.energy, request.settings, request.optimizer.device, request.hand).compile()
     label = f"synthesize {request.style} {request.prepared.name}"
     results = fan_out(run_block, blocks, workers, label)
     rows = pd.concat(

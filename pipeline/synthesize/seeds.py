@@ -1,7 +1,7 @@
 """First states of the chains: where the hand stands before it looks for a grasp.
 
-The distributions are part of the hand's description (``styles``). Draws that start inside the object or under the table are drawn
-again (a third of the published pinch draws, four side draws of five).
+The distributions are part of the hand's description (``styles``). Draws that start inside the object or under the table
+are drawn again (a third of the published pinch draws, four side draws of five).
 """
 
 from __future__ import annotations
@@ -26,9 +26,7 @@ ATTEMPTS = 60  # draws per chain before the least colliding one is taken
 HELD_SPREAD = 0.1  # rad, spread of joints that stay where they are drawn
 
 
-def free_joints(
-    hand: Hand, style: str, settings: StyleParameters, waiting: Sequence[str] = ()
-) -> NDArray[np.bool_]:
+def free_joints(hand: Hand, style: str, settings: StyleParameters, waiting: Sequence[str] = ()) -> NDArray[np.bool_]:
     """Return (J,) joints that synthesis may move; the others belong to the other objects in the hand.
 
     Args:
@@ -42,9 +40,7 @@ def free_joints(
     return free
 
 
-def mean_posture(
-    hand: Hand, style: str, settings: StyleParameters, waiting: Sequence[str] = ()
-) -> NDArray[np.float64]:
+def mean_posture(hand: Hand, style: str, settings: StyleParameters, waiting: Sequence[str] = ()) -> NDArray[np.float64]:
     """Return the joints (J,), rad, about which first hands are drawn.
 
     Args:

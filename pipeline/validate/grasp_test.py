@@ -51,7 +51,9 @@ def squeeze_target(candidate: Candidate, advance: float) -> NDArray[np.float64]:
 
 def held_grasp(prepared: PreparedObject, candidate: Candidate, advance: float) -> HeldGrasp:
     """Return the candidate, squeezed by ``advance`` metres, as the test of holding takes it."""
-    held = HeldObject(prepared, inverse_pose(candidate.T_object_hand), assigned_links(candidate.hand, candidate.fingers))
+    held = HeldObject(
+        prepared, inverse_pose(candidate.T_object_hand), assigned_links(candidate.hand, candidate.fingers)
+    )
     return HeldGrasp((held,), candidate.q, squeeze_target(candidate, advance), candidate.hand)
 
 

@@ -1,8 +1,8 @@
 """`params.yaml` composed from `conf/`: by DVC's own Hydra composition, and never over hand edits by accident.
 
 `conf/config.yaml` holds what all scales share, `conf/scale/<scale>.yaml` what differs, `conf/hand/<hand>.yaml` which
-fingers of a hand hold what, `conf/preset/<preset>.yaml` what replaces settings of synthesis, validation or the model. The composed file is committed,
-because DVC and the stages read it alone; it may be edited by hand at any time.
+fingers of a hand hold what, `conf/preset/<preset>.yaml` what replaces settings of synthesis, validation or the model.
+The composed file is committed, because DVC and the stages read it alone; it may be edited by hand at any time.
 """
 
 from __future__ import annotations
@@ -63,9 +63,7 @@ def flatten(content: Any, prefix: str = "") -> dict[str, Any]:
     }
 
 
-def differences(
-    scale: str, preset: str = DEFAULT_PRESET, count_meshes: bool = True, hand: str = ALLEGRO
-) -> list[str]:
+def differences(scale: str, preset: str = DEFAULT_PRESET, count_meshes: bool = True, hand: str = ALLEGRO) -> list[str]:
     """Return the dotted names of the values in which ``params.yaml`` differs from what ``conf/`` composes.
 
     Args:
@@ -114,8 +112,8 @@ def switch(scale: str, force: bool, preset: str = DEFAULT_PRESET, hand: str = AL
         edited = differences(present.scale, present.preset, count_meshes=False, hand=present.hand)
         if edited:
             raise UserError(
-                f"params.yaml differs from the {_title(present.scale, present.preset, present.hand)} of conf/ in {_named(edited)}; "
-                "add --force to overwrite it, or leave out --scale to use it as it is."
+                f"params.yaml differs from the {_title(present.scale, present.preset, present.hand)} of conf/ in "
+                f"{_named(edited)}; add --force to overwrite it, or leave out --scale to use it as it is."
             )
     with tempfile.TemporaryDirectory() as folder:
         composed = Path(folder) / "params.yaml"
@@ -133,7 +131,9 @@ def describe() -> str:
     """Return one line: which scale ``params.yaml`` holds and where it was edited by hand."""
     present = read_parameters()
     edited = differences(present.scale, present.preset, hand=present.hand)
-    return _title(present.scale, present.preset, present.hand) + (f", edited in params.yaml: {_named(edited)}" if edited else "")
+    return _title(present.scale, present.preset, present.hand) + (
+        f", edited in params.yaml: {_named(edited)}" if edited else ""
+    )
 
 
 def main(arguments: list[str] | None = None) -> int:

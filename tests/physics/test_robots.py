@@ -7,7 +7,7 @@ from pipeline.hand.allegro import load_hand
 from pipeline.hand.kinematics import link_poses
 from pipeline.hand.robot import ROBOT_JOINT_NAMES
 from pipeline.hand.surface import T_LINK7_HAND
-from pipeline.physics.robots import NEVER_MEETING, add_robot
+from pipeline.physics.robots import add_robot
 from pipeline.physics.world import make_world
 from pipeline.records.parameters.physics import PhysicsParameters
 
@@ -130,7 +130,7 @@ def test_ignored_pairs_never_meet() -> None:
             joint = model.parents[joint]
         return found
 
-    pairs = {tuple(sorted(pair)) for group in NEVER_MEETING for pair in combinations(group, 2)}
+    pairs = {tuple(sorted(pair)) for group in load_hand().never_meeting for pair in combinations(group, 2)}
     for first, second in sorted(pairs):
         if first not in shapes or second not in shapes:
             continue  # rigid with the palm; the arm is not part of this model

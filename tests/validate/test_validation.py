@@ -137,7 +137,7 @@ def test_contact_only_rule() -> None:
 
 
 def test_assigned_links_of_a_side_grasp() -> None:
-    links = assigned_links(("ring", "palm"))
+    links = assigned_links(HAND, ("ring", "palm"))
     assert "base_link" in links and "link_11.0_tip" in links and "link_3.0_tip" not in links
 
 

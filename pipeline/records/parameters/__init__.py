@@ -105,7 +105,9 @@ class Parameters(Section):
             style: StyleParameters = getattr(self.synthesize, name)
             where = f"synthesize.{name}"
             if getattr(self.styles, name) and not style.finger_sets:
-                raise ValueError(f"styles.{name} names objects, but {where}.finger_sets is empty; fill it, or name none")
+                raise ValueError(
+                    f"styles.{name} names objects, but {where}.finger_sets is empty; fill it, or name none"
+                )
             if style.finger_sets and name not in hand.styles:
                 raise ValueError(f"{where}: the hand {self.hand} has no such style; its finger_sets must be []")
             if not style.finger_sets:
@@ -117,7 +119,9 @@ class Parameters(Section):
                         f"{', '.join(hand.fingers)}"
                     )
             if self.hand != ALLEGRO and style.keep_out_margin is not None:
-                raise ValueError(f"{where}.keep_out_margin leaves room for a second object of the Allegro; set it to null")
+                raise ValueError(
+                    f"{where}.keep_out_margin leaves room for a second object of the Allegro; set it to null"
+                )
             if hand.mount is None and style.mount_clearance is not None:
                 raise ValueError(f"{where}.mount_clearance: the hand {self.hand} is on no mount; set it to null")
         return self
@@ -229,9 +233,9 @@ def require_allegro(parameters: Parameters, source: Path = paths.PARAMETERS_FILE
     """
     if parameters.hand != ALLEGRO:
         raise UserError(
-            f"{source}: hand is {parameters.hand}, and everything after the validation (two objects, the arm, the learned "
-            f"model, the report) works with the {ALLEGRO} alone; `./dev repro validate-pinch` makes single grasps of "
-            f"this hand, `./dev compose demo` leads back to the {ALLEGRO}."
+            f"{source}: hand is {parameters.hand}, and everything after the validation (two objects, the arm, the "
+            f"learned model, the report) works with the {ALLEGRO} alone; `./dev repro validate-pinch` makes single "
+            f"grasps of this hand, `./dev compose demo` leads back to the {ALLEGRO}."
         )
 
 

@@ -40,7 +40,8 @@ class FingerDescription(Section):
     joints: list[str] = Field(default_factory=list, description="Joints that move it, from the base; none for a palm.")
     base: str | None = Field(None, description="Link before the first of `links` that belongs to the finger as well.")
     straight: list[float] | None = Field(
-        None, description="Angles of `joints`, rad, of the finger stretched out of the way; null: it has no such posture."
+        None,
+        description="Angles of `joints`, rad, of the finger stretched out of the way; null: it has no such posture.",
     )
 
 
@@ -87,7 +88,9 @@ class CapDescription(Section):
 class ContactDescription(Section):
     """Contact candidates of a link: exactly one of `grid` with `normal`, `cap`, or `points` with `normals`."""
 
-    grid: GridDescription | None = Field(None, description="Points, each moved to the nearest face that looks along `normal`.")
+    grid: GridDescription | None = Field(
+        None, description="Points, each moved to the nearest face that looks along `normal`."
+    )
     normal: Side | None = Field(None, description="Outward direction of the faces of boxes that the grid lies on.")
     cap: CapDescription | None = Field(None, description="Points on a ball.")
     points: list[Vector] | None = Field(None, description="Points on the link's shapes, m.")
@@ -119,7 +122,9 @@ class HandStyle(Section):
         description="R_object_hand by rows, before the tilt: its columns are the hand's axes in the object frame."
     )
     tilt: TiltDescription
-    posture: list[float] = Field(description="Joint angles, rad, in the order of `joints`, about which hands are drawn.")
+    posture: list[float] = Field(
+        description="Joint angles, rad, in the order of `joints`, about which hands are drawn."
+    )
     curled_like: str | None = Field(
         None, description="Fingers that the style uses are drawn about the posture of this one; null: about their own."
     )
@@ -173,7 +178,9 @@ class HandDescription(Section):
                 if joint not in self.joints:
                     raise ValueError(f"fingers.{name}.joints names {joint!r}, which is not in joints")
                 if owners.setdefault(joint, name) != name:
-                    raise ValueError(f"the joint {joint!r} is in the fingers {owners[joint]} and {name}; give it to one")
+                    raise ValueError(
+                        f"the joint {joint!r} is in the fingers {owners[joint]} and {name}; give it to one"
+                    )
             if finger.straight is not None and len(finger.straight) != len(finger.joints):
                 raise ValueError(f"fingers.{name}.straight needs {len(finger.joints)} angles, one per joint")
         for joint in self.joints:
@@ -197,7 +204,9 @@ class HandDescription(Section):
         for where, names in named.items():
             for finger in names:
                 if finger not in self.fingers:
-                    raise ValueError(f"{where} names {finger!r}, which is no finger; there are {', '.join(self.fingers)}")
+                    raise ValueError(
+                        f"{where} names {finger!r}, which is no finger; there are {', '.join(self.fingers)}"
+                    )
         return self
 
 
