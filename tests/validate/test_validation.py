@@ -116,7 +116,7 @@ def test_hand_below_the_table_is_rejected_by_the_approach() -> None:
 def test_an_object_that_slides_out_of_a_gentle_squeeze_is_rejected(monkeypatch, slide: float) -> None:  # type: ignore[no-untyped-def]
     prepared, candidate = block_grasp()
 
-    def slid(prepared, T_hand_object, q, squeeze_q, settings):  # type: ignore[no-untyped-def]
+    def slid(prepared, T_hand_object, q, squeeze_q, settings, waiting, hand):  # type: ignore[no-untyped-def]
         T = T_hand_object.copy()
         T[0, 3] += slide
         return q, T

@@ -49,8 +49,9 @@ class Parameters(Section):
         description="Which file of conf/preset was composed."
     )
     hand: str = Field(
+        ALLEGRO,
         description="Which hand of the folder hands/ grasps; all that is about two objects needs the Allegro. Paper: "
-        "the Allegro."
+        "the Allegro.",
     )
     seed: int = Field(ge=0, description="Run seed; every item derives its own generator from it.")
     styles: StylesParameters

@@ -84,6 +84,12 @@ class CapDescription(Section):
     azimuth: float = Field(description="Points lie within this to either side of the front, rad.")
     counts: list[int] = Field(min_length=1, description="Points of each ring; ring heights are spaced evenly.")
 
+    @model_validator(mode="after")
+    def _front_is_beside(self) -> Self:
+        if self.front[1] == self.axis[1]:
+            raise ValueError("front must be at a right angle to axis")
+        return self
+
 
 class ContactDescription(Section):
     """Contact candidates of a link: exactly one of `grid` with `normal`, `cap`, or `points` with `normals`."""

@@ -95,7 +95,7 @@ class StyleParameters(Section):
     """What one style of grasp is."""
 
     finger_sets: list[list[str]] = Field(
-        description="Contact sets of fingers that the hand's description names, chains shared evenly; none: the hand does "
+        description="Contact sets of the hand's fingers, chains shared evenly; none: the hand does "
         "not grasp in this style. Paper: any combination of thumb, index, middle; ring + palm.",
     )
     contacts: dict[str, int] = Field(description="Number of contacts per finger set, keyed thumb+index and so on.")
