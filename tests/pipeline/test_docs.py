@@ -36,6 +36,7 @@ PAGES = (
     "docs/metrics.md",
     "docs/replay.md",
     "docs/view.md",
+    "docs/another-hand.md",
     "docs/sharing.md",
     "docs/results.md",
     "results/paper/dataset.md",
