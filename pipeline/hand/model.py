@@ -115,6 +115,13 @@ def load_hand(name: str = ALLEGRO) -> Hand:
 def hand_of_file(file: Path) -> Hand:
     """Read the hand that a file describes; see :func:`load_hand`."""
     description = read_description(file)
+    try:
+        return _hand(file, description)
+    except ValueError as error:
+        raise UserError(f"{file}: the URDF has a value that is no number ({error}); mend it there.") from error
+
+
+def _hand(file: Path, description: HandDescription) -> Hand:
     urdf = Urdf(urdf_file(description.urdf, file.parent))
     _check_names(description, urdf, file)
     names = _ordered_links(description, urdf)

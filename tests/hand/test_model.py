@@ -122,6 +122,7 @@ BROKEN = [
     ({"styles": {"pinch": {**description()["styles"]["pinch"], "held": ["ring"]}}}, "held names 'ring', which is no f"),
     ({"styles": {"hook": description()["styles"]["pinch"]}}, "styles.hook"),
     ({"colour": "red"}, "colour: unknown field"),
+    ({"fingers": {"left+right": {"links": ["plate"]}}}, "the finger name 'left\\+right': use small letters"),
 ]
 
 
@@ -141,6 +142,7 @@ def test_a_mistake_in_a_description_is_answered_with_a_sentence(tmp_path: Path, 
         ('<origin xyz="0 0 0.03"/>', '<origin xyz="0 0 0.03" rpy="0 1 0"/>', "'left_near' has a box that is turned"),
         ('<sphere radius="0.008"/>', '<mesh filename="a.stl"/>', "'left_tip' has a mesh for .* under `shapes`"),
         ("</robot>", "", "is not XML"),
+        ('xyz="0 0 0.03"', 'xyz="0 0 high"', "the URDF has a value that is no number .*high"),
         ('link name="camera"', 'link name="lens"', "the joint 'camera_joint' has no child link"),
     ],
 )

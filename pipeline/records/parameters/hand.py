@@ -6,6 +6,7 @@ that link's own frame.
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal, Self
@@ -20,6 +21,7 @@ HANDS_FOLDER = Path(__file__).resolve().parents[3] / "hands"
 DESCRIPTION = "hand.yaml"
 ALLEGRO = "allegro"  # the hand of everything about two objects, the arm and the learned model
 PALM = "palm"
+FINGER_NAME = re.compile(r"[a-z][a-z0-9_]*")
 MOUNT_LINKS = ("panda_link7", "mount")  # links behind a mounted hand that never_meeting may name
 
 Vector = tuple[float, float, float]
@@ -165,7 +167,9 @@ class HandDescription(Section):
         default_factory=list, description="Pairs of links beside parent and child whose shapes overlap by design."
     )
     never_meeting: list[list[str]] = Field(
-        default_factory=list, description="Groups of links that cannot meet; physics does not test them: only faster."
+        default_factory=list,
+        max_length=32,
+        description="Groups of links that cannot meet; physics does not test them: only faster.",
     )
     mount: Literal["panda_allegro"] | None = Field(
         None, description="What carries it in the tests: the published mount on the Panda; null: nothing is modelled."
@@ -178,6 +182,8 @@ class HandDescription(Section):
             raise ValueError("joints names a joint twice")
         owners: dict[str, str] = {}
         for name, finger in self.fingers.items():
+            if not FINGER_NAME.fullmatch(name):
+                raise ValueError(f"the finger name {name!r}: use small letters, digits and underscores, a letter first")
             if (name == PALM) != (not finger.joints):
                 raise ValueError(f"fingers.{name}: `palm`, and no other, has no joints")
             for joint in finger.joints:
