@@ -17,7 +17,7 @@ import yaml
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
-from pipeline.records.parameters import read_parameters
+from pipeline.records.parameters import read_parameters, require_allegro
 from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.writing import whole_file
 from pipeline.workspace.parameter_text import own_meshes, with_mesh, without_meshes
@@ -140,7 +140,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Command line of this module."""
     parser = argparse.ArgumentParser(prog="python -m pipeline.workspace.scales", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
-    commands.add_parser("check", help="say which scale params.yaml holds and where it was edited")
+    checking = commands.add_parser("check", help="say which scale params.yaml holds and where it was edited")
+    checking.add_argument("--everything", action="store_true", help="refuse a hand that cannot go through all stages")
     composing = commands.add_parser("compose", help="write params.yaml from conf/")
     composing.add_argument("scale")
     composing.add_argument("--preset", default=DEFAULT_PRESET, help="a file of conf/preset (default: %(default)s)")
@@ -149,6 +150,8 @@ def main(arguments: list[str] | None = None) -> int:
     chosen = parser.parse_args(arguments)
     try:
         composing_now = chosen.command == "compose"
+        if not composing_now and chosen.everything:
+            require_allegro(read_parameters())
         said = switch(chosen.scale, chosen.force, chosen.preset, chosen.hand) if composing_now else describe()
         print(said, file=sys.stderr)
     except UserError as error:

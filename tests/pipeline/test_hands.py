@@ -84,6 +84,11 @@ def test_single_grasps_do_not_need_the_allegro(with_dclaw):
             assert load_parameters(stage.sections()).get("hand", "dclaw") == "dclaw"
 
 
+def test_everything_is_refused_where_it_begins(with_dclaw, capsys):
+    assert scales.main(["check", "--everything"]) == 2
+    assert capsys.readouterr().err.startswith("params.yaml: hand is dclaw, and everything after the validation")
+
+
 @pytest.mark.parametrize(
     ("path", "value", "sentence"),
     [
