@@ -2,11 +2,11 @@
 
 One thread computes one grasp. Everything is expressed in the object frame. The gradient is derived by hand: each term
 adds a force (the derivative of the energy by the position of a point riding on a link) to a wrench per link, and one
-sweep from the fingertips to the palm turns the wrenches into derivatives by the 22 degrees of freedom
+sweep from the fingertips to the palm turns the wrenches into derivatives by the 6 + J degrees of freedom
 
     0..2   position of the hand, object frame
     3..5   rotation about the hand's origin, axes of the hand frame (right-invariant: R' = R exp([w]))
-    6..21  joint angles in the order of ``hand.allegro.JOINT_NAMES``
+    6..    joint angles in the order of the hand's ``joint_names``
 
 Normals are constants in the gradient: letting it through them was measured not to help.
 
@@ -21,7 +21,6 @@ import warp as wp
 
 TRANSLATION = 3  # degrees of freedom before the rotation
 POSE = 6  # degrees of freedom before the joints
-DEGREES = 22
 TERMS = 8  # force closure, distance, penetration, table, self-penetration, joints, offset, keep-out
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
@@ -29,7 +28,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 @wp.struct
 class HandArrays:
-    """The hand, see ``pipeline.hand.allegro.Hand``; parts are its boxes and, last, its fingertip spheres."""
+    """The hand, see ``pipeline.hand.model.Hand``; parts are its boxes and, last, its spheres (62 at most)."""
 
     link_count: int
     part_count: int
@@ -67,7 +66,7 @@ class HandArrays:
     own_count: int
     contact_link: wp.array(dtype=int)
     contact_point: wp.array(dtype=wp.vec3)
-    contact_opposes: wp.array(dtype=int)  # 1 for thumb and palm, 0 for the fingers that they oppose
+    contact_opposes: wp.array(dtype=int)  # 1 for the opposing fingers (thumb, palm), 0 for the fingers that they oppose
 
 
 @wp.struct
@@ -144,7 +143,7 @@ class Schedule:
     memory: float
     shared: int  # 1: row 0 of the mean squares is for all chains, see share_slopes_kernel
     repeats: int  # 1: two contacts may be the same candidate
-    free: wp.array(dtype=float)  # (22,) 1 where a degree of freedom may move
+    free: wp.array(dtype=float)  # (6 + J,) 1 where a degree of freedom may move
     slot_start: wp.array(dtype=int)  # (contacts + 1,)
     slot_candidate: wp.array(dtype=int)  # candidates of each contact
     slot_cumulative: wp.array(dtype=float)  # their cumulative probability
@@ -360,20 +359,20 @@ def sphere_reaches(hand: HandArrays, scratch: Scratch, chain: int, part: int, ce
 @wp.func
 def reached_parts(hand: HandArrays, scratch: Scratch, chain: int, near: int, centre: wp.vec3, radius: float):
     """Bit mask of those of the first ``near`` parts in ``scratch.near`` that a sphere, object frame, touches."""
-    mask = int(0)
+    mask = wp.int64(0)
     for index in range(near):
         if sphere_reaches(hand, scratch, chain, scratch.near[chain, index], centre, radius):
-            mask = mask | (1 << index)
+            mask = mask | (wp.int64(1) << wp.int64(index))
     return mask
 
 
 @wp.func
-def deepest_part(hand: HandArrays, scratch: Scratch, chain: int, near: int, mask: int, p: wp.vec3):
+def deepest_part(hand: HandArrays, scratch: Scratch, chain: int, near: int, mask: wp.int64, p: wp.vec3):
     """Return the part of ``mask`` that the point is deepest in (-1: in none), and how deep."""
     deepest = float(0.0)
     where = int(-1)
     for index in range(near):
-        if (mask & (1 << index)) != 0:
+        if (mask & (wp.int64(1) << wp.int64(index))) != wp.int64(0):
             part = scratch.near[chain, index]
             d = p - scratch.part_position[chain, part]
             x = wp.transpose(scratch.rotation[chain, hand.part_link[part]]) @ d
@@ -398,7 +397,7 @@ def penetration_term(hand: HandArrays, scene: ObjectArrays, weight: float, scrat
             centre = scene.block_centre[block]
             radius = scene.block_radius[block]
             mask = reached_parts(hand, scratch, chain, near, centre, radius)
-            if mask != 0:
+            if mask != wp.int64(0):
                 for point in range(scene.block_start[block], scene.block_start[block + 1]):
                     p = scene.points[point]
                     where, deepest = deepest_part(hand, scratch, chain, near, mask, p)
@@ -462,7 +461,7 @@ def self_penetration_term(hand: HandArrays, weight: float, scratch: Scratch, cha
                 centre = t + R @ hand.block_centre[block]
                 radius = hand.block_radius[block]
                 mask = reached_parts(hand, scratch, chain, near, centre, radius)
-                if mask != 0:
+                if mask != wp.int64(0):
                     for point in range(hand.block_start[block], hand.block_start[block + 1]):
                         p = t + R @ hand.points[point]
                         where, deepest = deepest_part(hand, scratch, chain, near, mask, p)
@@ -491,7 +490,7 @@ def keep_out_term(hand: HandArrays, scene: ObjectArrays, weight: float, scratch:
         reach = radius + scene.keep_out_margin + scene.distance_spacing
         near_object = rough_distance(scene, centre) < reach
         mask = reached_parts(hand, scratch, chain, hand.own_count, centre, radius)
-        if near_object or mask != 0:
+        if near_object or mask != wp.int64(0):
             for point in range(hand.keep_out_start[block], hand.keep_out_start[block + 1]):
                 p = t + R @ hand.keep_out_points[point]
                 if near_object:
@@ -500,7 +499,7 @@ def keep_out_term(hand: HandArrays, scene: ObjectArrays, weight: float, scratch:
                     if depth > 0.0:
                         total += depth
                         add_force(scratch, chain, 0, p, gradient * (-weight))
-                if mask != 0:
+                if mask != wp.int64(0):
                     where, deepest = deepest_part(hand, scratch, chain, hand.own_count, mask, p)
                     if where >= 0:
                         total += deepest
@@ -599,7 +598,7 @@ def propose(
     unbias = 1.0 / (1.0 - wp.pow(schedule.memory, float(iteration + 1)))
     turn = wp.vec3(0.0, 0.0, 0.0)
     move = wp.vec3(0.0, 0.0, 0.0)
-    for degree in range(wp.static(DEGREES)):
+    for degree in range(current.gradient.shape[1]):
         slope = current.gradient[chain, degree]
         square = mean_square[0, degree]
         if schedule.shared == 0:

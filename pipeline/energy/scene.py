@@ -13,14 +13,14 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.compute.warp import warp
 from pipeline.energy.keep_out import fingers_used, keep_out_points
-from pipeline.hand.allegro import FINGER_LINKS, Hand, load_hand
+from pipeline.hand.model import Hand, load_hand
 from pipeline.hand.surface import hand_surface, mount_surface
 from pipeline.records.errors import UserError
 from pipeline.records.objects import PreparedObject
+from pipeline.records.parameters.hand import PALM
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
 
 BLOCK = 32  # points with one bounding sphere
-OPPOSING_FINGERS = ("thumb", "palm")  # each contact set has one of them, the other fingers press against it
 PALM_WEIGHT = 3.0  # chance of the palm in a contact draw, relative to one link of a finger (released code)
 
 
@@ -30,7 +30,7 @@ class Grasps:
 
     position: NDArray[np.float64]  # (B, 3) of the hand frame's origin
     rotation: NDArray[np.float64]  # (B, 4) wxyz
-    q: NDArray[np.float64]  # (B, 16)
+    q: NDArray[np.float64]  # (B, J)
     contacts: NDArray[np.int64]  # (B, n) indices into Hand.contact_points
 
     def __len__(self) -> int:
@@ -79,13 +79,10 @@ def bounding_sphere(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], f
 
 
 def neighbours(hand: Hand) -> set[tuple[int, int]]:
-    """Pairs of links that may overlap: each with itself, parents with children, palm with the thumb's second link.
-
-    Source: released code.
-    """
+    """Pairs of links that may overlap: each with itself, parents with children, and those that the hand names."""
     pairs = {(link, link) for link in range(len(hand.link_names))}
     joined = [(link, int(parent)) for link, parent in enumerate(hand.parent) if parent >= 0]
-    joined.append((hand.link("base_link"), hand.link("link_13.0")))
+    joined += [(hand.link(one), hand.link(other)) for one, other in hand.may_overlap]
     for a, b in joined:
         pairs |= {(a, b), (b, a)}
     return pairs
@@ -115,7 +112,9 @@ def hand_parts(hand: Hand) -> HandParts:
 
 
 @lru_cache(maxsize=4)
-def hand_arrays(device: str, point_count: int, with_mount: bool, keep_out_for: tuple[str, ...] | None) -> Any:
+def hand_arrays(
+    hand: Hand, device: str, point_count: int, with_mount: bool, keep_out_for: tuple[str, ...] | None
+) -> Any:
     """Return ``kernel.HandArrays`` of the hand with ``point_count`` surface points.
 
     Args:
@@ -125,9 +124,8 @@ def hand_arrays(device: str, point_count: int, with_mount: bool, keep_out_for: t
     wp = warp()
     from pipeline.energy import kernel
 
-    hand = load_hand()
     parts = hand_parts(hand)
-    owners, points = hand_surface(point_count)
+    owners, points = hand_surface(point_count, hand)
     apart = neighbours(hand)
     order: list[NDArray[np.int64]] = []
     link_block, link_centre, link_radius, link_other, other_part = [0], [], [], [0], []
@@ -135,7 +133,7 @@ def hand_arrays(device: str, point_count: int, with_mount: bool, keep_out_for: t
         own = np.flatnonzero(owners == link)
         order += [own[block] for block in block_order(points[own])]
         link_block.append(len(order))
-        centre, radius = bounding_sphere(points[own])
+        centre, radius = bounding_sphere(points[own]) if len(own) else (np.zeros(3), 0.0)
         link_centre.append(centre)
         link_radius.append(radius)
         other_part += [part for part, other in enumerate(parts.link) if (link, int(other)) not in apart]
@@ -182,14 +180,14 @@ def hand_arrays(device: str, point_count: int, with_mount: bool, keep_out_for: t
     put("keep_out_centre", np.array([centre for centre, _ in spheres]).reshape(-1, 3), wp.vec3)
     put("keep_out_radius", [radius for _, radius in spheres], float)
     staying_out = [
-        hand.link(name) for finger in keep_out_for or () if finger != "palm" for name in FINGER_LINKS[finger]
+        hand.link(name) for finger in keep_out_for or () if finger != PALM for name in hand.finger_links[finger]
     ]
     own_parts = np.flatnonzero(np.isin(parts.link, staying_out))
     put("own_part", own_parts, int)
     arrays.keep_out_blocks, arrays.own_count = len(blocks), len(own_parts)
     put("contact_link", hand.contact_link, int)
     put("contact_point", hand.contact_points, wp.vec3)
-    put("contact_opposes", [finger in OPPOSING_FINGERS for finger in hand.contact_finger], int)
+    put("contact_opposes", [finger in hand.opposing for finger in hand.contact_finger], int)
     return arrays
 
 
@@ -234,15 +232,24 @@ class EnergyScene:
     """One object in one style on one device, ready to evaluate and move grasps."""
 
     def __init__(
-        self, prepared: PreparedObject, energy: EnergyParameters, style: StyleParameters, device: str = "cpu"
+        self,
+        prepared: PreparedObject,
+        energy: EnergyParameters,
+        style: StyleParameters,
+        device: str = "cpu",
+        hand: Hand | None = None,
     ) -> None:
+        """Put ``prepared`` before ``hand`` (the Allegro when left out)."""
         self.wp = warp()
         from pipeline.energy import kernel
 
         self.kernel = kernel
         self.device = device
         keep_out_for = None if style.keep_out_margin is None else fingers_used(style.finger_sets)
-        self.hand = hand_arrays(device, energy.hand_points, style.mount_clearance is not None, keep_out_for)
+        self.joint_count = (hand or load_hand()).joint_count
+        self.hand = hand_arrays(
+            hand or load_hand(), device, energy.hand_points, style.mount_clearance is not None, keep_out_for
+        )
         self.scene = object_arrays(device, prepared, energy, style)
         self.energy = energy
 
@@ -274,7 +281,7 @@ class EnergyScene:
         states.contacts = wp.array(grasps.contacts.astype(np.int32), dtype=int, device=self.device)
         states.terms = wp.zeros((count, self.kernel.TERMS), dtype=float, device=self.device)
         states.energy = wp.zeros(count, dtype=float, device=self.device)
-        states.gradient = wp.zeros((count, self.kernel.DEGREES), dtype=float, device=self.device)
+        states.gradient = wp.zeros((count, self.kernel.POSE + self.joint_count), dtype=float, device=self.device)
         return states
 
     def scratch(self, grasps: Grasps) -> Any:
@@ -299,7 +306,7 @@ class EnergyScene:
         )
 
     def evaluate(self, grasps: Grasps) -> tuple[Terms, NDArray[np.float64]]:
-        """Return terms and gradients (B, 22) of a batch; degrees of freedom as in ``kernel``."""
+        """Return terms and gradients (B, 6 + J) of a batch; degrees of freedom as in ``kernel``."""
         states = self.states(grasps)
         self.launch_evaluation(states, self.scratch(grasps), self.weights())
         return read_terms(states), states.gradient.numpy().astype(np.float64)
@@ -340,7 +347,7 @@ def contact_positions(hand: Hand, grasps: Grasps) -> NDArray[np.float64]:
 
 def contact_shares(hand: Hand, contacts: NDArray[np.int64], balance: bool) -> NDArray[np.float64]:
     """Return the force share (B, n) of contacts (B, n): both opposing groups carry half, or 1 each as published."""
-    opposing = np.array([finger in OPPOSING_FINGERS for finger in hand.contact_finger])[contacts]
+    opposing = np.array([finger in hand.opposing for finger in hand.contact_finger])[contacts]
     count = contacts.shape[1]
     mine = np.where(opposing, opposing.sum(1, keepdims=True), (~opposing).sum(1, keepdims=True))
     both = opposing.any(1, keepdims=True) & (~opposing).any(1, keepdims=True)
@@ -362,7 +369,7 @@ def force_closure(
 def contact_slots(
     hand: Hand, fingers: Sequence[str], count: int, links: Sequence[str] = (), free: bool = False
 ) -> list[NDArray[np.float64]]:
-    """Return, per contact, the chance (143,) of every candidate.
+    """Return, per contact, the chance (C,) of every candidate.
 
     The first contacts belong to one finger of the set each, so that every finger has one; further contacts are drawn
     from all fingers of the set. Links have equal chances, the palm three times that (released code).
@@ -376,17 +383,17 @@ def contact_slots(
         UserError: a link is not of these fingers, or a finger has no link with contact candidates.
     """
     key = "+".join(fingers)
-    unknown = sorted(set(links) - {link for finger in fingers for link in FINGER_LINKS[finger]})
+    unknown = sorted(set(links) - {link for finger in fingers for link in hand.finger_links[finger]})
     if unknown:
         raise UserError(
             f"params.yaml: links of {key} names {unknown[0]!r}, which is no link of these fingers; remove it there."
         )
     weights = np.zeros(len(hand.contact_link))
     for finger in fingers:
-        touching = [link for link in FINGER_LINKS[finger] if link in links or not links]
+        touching = [link for link in hand.finger_links[finger] if link in links or not links]
         for own in (hand.contact_link == hand.link(link) for link in touching):
             if own.any():
-                weights[own] = (PALM_WEIGHT if finger == "palm" else 1.0) / own.sum()
+                weights[own] = (PALM_WEIGHT if finger == PALM else 1.0) / own.sum()
         if not weights[np.array(hand.contact_finger) == finger].any():
             raise UserError(f"params.yaml: links of {key} leaves the {finger} no contact; name one of its links there.")
     slots = []

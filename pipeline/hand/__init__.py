@@ -1,4 +1,4 @@
-"""The Allegro hand (right): description, kinematics, contact candidates, surface samples and finger moves.
+"""Hands: their descriptions as arrays, kinematics, contact candidates, surface samples and finger moves.
 
-Hand frame: `base_link`; palm normal +x, fingers +z, index side +y.
+A hand frame is that of the root link; the Allegro's `base_link` has palm normal +x, fingers +z, index side +y.
 """

@@ -13,16 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import FINGER_LINKS, Hand
 from pipeline.hand.kinematics import link_poses, points_on_links
-from pipeline.hand.moves import finger_joints, move_points
+from pipeline.hand.model import Hand
+from pipeline.hand.moves import finger_joints, move_points, straight
 from pipeline.hand.support import PLANE, Support
 from pipeline.hand.surface import hand_surface, mount_surface
 from pipeline.records.distance import signed_distance
 from pipeline.records.objects import PreparedObject
 from pipeline.records.poses import transform_points
 
-EXTENDED_FINGER = np.array([0.0, -0.1, 0.0, 0.0])  # rad, a straight finger
 EXTENSIONS = (0.4, 0.6, 0.8, 1.0)  # shares of the way to a straight finger
 HORIZONTAL_TURNS = np.deg2rad([0, 15, -15, 30, -30, 45, -45, 60, -60])
 PINCH_TILTS = (0.0, 0.25, 0.5, 1.0)  # shares of the way from the hand-object line to straight up
@@ -35,16 +34,11 @@ MOUNT_POINTS = 100
 CARRIED_POINTS = 512
 
 
-def straight(fingers: Sequence[str]) -> NDArray[np.float64]:
-    """Return the joints (4 n,), rad, of n straight fingers; the thumb has no such posture."""
-    return np.tile(EXTENDED_FINGER, len(fingers))
-
-
 @dataclass(frozen=True)
 class Approach:
     """A straight way in."""
 
-    open_q: NDArray[np.float64]  # (16,) rad
+    open_q: NDArray[np.float64]  # (J,) rad
     direction: NDArray[np.float64]  # (3,) unit, object frame, from the grasp towards where the hand comes from
     length: float  # m
     penetrations: int  # swept sample points that enter the object or the support plane
@@ -69,7 +63,7 @@ def choose_approach(
     Args:
         prepared: the object to be approached; it stands on a support that ends at z = ``prepared.bottom`` of its frame.
         T_object_hand: (4, 4) the grasp.
-        q: (16,) joint angles at the grasp; joints of fingers that do not open keep them (for a second object: with
+        q: (J,) joint angles at the grasp; joints of fingers that do not open keep them (for a second object: with
             the fingers that hold the first one already squeezing).
         style: ``pinch`` (the fingers of the contacts open horizontally away from the object's axis; the hand comes
             along the hand-object line or more from above) or ``side`` (the finger opposite the palm opens; the hand
@@ -85,7 +79,7 @@ def choose_approach(
     directions = approach_directions(T_object_hand, style, from_above=support != PLANE)
     openings = open_postures(hand, T_object_hand, q, style, contact_candidates, opening)
     seen: list[NDArray[np.float64]] = []
-    rigid = [mount_surface(MOUNT_POINTS)]
+    rigid = [mount_surface(MOUNT_POINTS) if hand.mounted else np.zeros((0, 3))]
     rigid += [transform_points(T, held.surface_points[:CARRIED_POINTS]) for held, T in carried]
     best: tuple[tuple[int, float], Approach] | None = None
     for length in lengths:
@@ -138,7 +132,7 @@ def open_postures(
     contact_candidates: NDArray[np.int64],
     opening: float,
 ) -> Iterator[NDArray[np.float64]]:
-    """Yield candidate joint angles (16,) with the grasping fingers opened; the preferred one first.
+    """Yield candidate joint angles (J,) with the grasping fingers opened; the preferred one first.
 
     Contact points move horizontally (in the object frame) away from the object's vertical axis; for a side grasp
     postures between the grasp and the straight finger follow.
@@ -159,13 +153,13 @@ def open_postures(
             list(hand.contact_link[movable]),
             hand.contact_points[movable],
             share * opening * outward,
-            finger_joints(fingers),
+            finger_joints(fingers, hand),
         )
-    if style == "side":
-        own = finger_joints(fingers)
+    if style == "side" and all(finger in hand.straight for finger in fingers):
+        own = finger_joints(fingers, hand)
         for share in EXTENSIONS:
             extended = q.copy()
-            extended[own] = (1 - share) * q[own] + share * straight(fingers)
+            extended[own] = (1 - share) * q[own] + share * straight(fingers, hand)
             yield extended
 
 
@@ -181,9 +175,9 @@ def _sample(
     hand: Hand, open_q: NDArray[np.float64], fingers: Sequence[str], rigid: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return points (n, 3), hand frame, of hand and ``rigid``, and which of them are on the opening fingers."""
-    link, local = hand_surface(HAND_POINTS)
+    link, local = hand_surface(HAND_POINTS, hand)
     points = points_on_links(link_poses(hand, open_q[None]), link, local)[0]
-    opening = [hand.link(name) for finger in fingers for name in FINGER_LINKS[finger]]
+    opening = [hand.link(name) for finger in fingers for name in hand.finger_links[finger]]
     is_opening = np.concatenate([np.isin(link, opening), np.zeros(len(rigid), dtype=bool)])
     return np.concatenate([points, rigid]), is_opening
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import Hand
+from pipeline.hand.model import Hand
 
 
 def _axis_rotations(axes: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -19,7 +19,7 @@ def _axis_rotations(axes: NDArray[np.float64], angles: NDArray[np.float64]) -> N
 
 
 def link_poses(hand: Hand, q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``T_hand_link`` (B, L, 4, 4) for joint angles ``q`` (B, 16), rad."""
+    """Return ``T_hand_link`` (B, L, 4, 4) for joint angles ``q`` (B, J), rad."""
     moving = np.nonzero(hand.joint >= 0)[0]
     turns = np.zeros((len(q), len(moving), 4, 4))
     turns[..., :3, :3] = _axis_rotations(hand.axis[moving], q[:, hand.joint[moving]])
@@ -44,12 +44,12 @@ def points_on_links(
 def point_jacobian(
     hand: Hand, T_hand_link: NDArray[np.float64], link: int, point: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return d(point)/dq (3, 16), m/rad, of one ``point`` (3,) in the hand frame that rides on ``link``.
+    """Return d(point)/dq (3, J), m/rad, of one ``point`` (3,) in the hand frame that rides on ``link``.
 
     Args:
         T_hand_link: (L, 4, 4), one hand.
     """
-    J = np.zeros((3, 16))
+    J = np.zeros((3, hand.joint_count))
     while link >= 0:
         joint = hand.joint[link]
         if joint >= 0:

@@ -7,16 +7,23 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import FINGER_JOINTS, Hand
 from pipeline.hand.kinematics import link_poses, point_jacobian, points_on_links
+from pipeline.hand.model import Hand, load_hand
 
 
-def finger_joints(fingers: Sequence[str]) -> NDArray[np.int64]:
-    """Return the sorted joint indices of some fingers; the palm has none."""
-    return np.array(sorted(joint for finger in fingers for joint in FINGER_JOINTS[finger]), dtype=np.int64)
+def finger_joints(fingers: Sequence[str], hand: Hand | None = None) -> NDArray[np.int64]:
+    """Return the sorted joint indices of some fingers of a hand (the Allegro when left out); the palm has none."""
+    hand = hand or load_hand()
+    return np.array(sorted(joint for finger in fingers for joint in hand.finger_joints[finger]), dtype=np.int64)
 
 
-RING_JOINTS = finger_joints(["ring"])
+def straight(fingers: Sequence[str], hand: Hand | None = None) -> NDArray[np.float64]:
+    """Return the angles, rad, of ``finger_joints(fingers)`` of straight fingers that have such a posture."""
+    hand = hand or load_hand()
+    angle: dict[int, float] = {}
+    for finger in fingers:
+        angle |= dict(zip(hand.finger_joints[finger], hand.straight[finger], strict=True))
+    return np.array([angle[joint] for joint in sorted(angle)], dtype=np.float64)
 
 
 def move_points(
@@ -29,12 +36,12 @@ def move_points(
     iterations: int = 20,
     damping: float = 0.01,
 ) -> NDArray[np.float64]:
-    """Return joint angles (16,) that move points on links by given displacements, as far as the limits allow.
+    """Return joint angles (J,) that move points on links by given displacements, as far as the limits allow.
 
     Damped least squares, repeated; all joints but ``joints`` keep their angle.
 
     Args:
-        q: (16,) start, rad.
+        q: (J,) start, rad.
         links: link of each point.
         points: (n, 3) in the link frames, m.
         displacements: (n, 3) in the hand frame, m.
@@ -64,14 +71,14 @@ def squeeze_joints(
     advance: float,
     fingers: Sequence[str],
 ) -> NDArray[np.float64]:
-    """Return joint targets (16,) that press the contacts of ``fingers`` by ``advance`` metres into the object.
+    """Return joint targets (J,) that press the contacts of ``fingers`` by ``advance`` metres into the object.
 
     Args:
-        q: (16,) joint angles of the grasp.
+        q: (J,) joint angles of the grasp.
         contact_candidates: (n,) indices into ``hand.contact_points``.
         inward_normals: (n, 3) unit, hand frame, into the object.
     """
-    joints = finger_joints(fingers)
+    joints = finger_joints(fingers, hand)
     own = np.array([hand.contact_finger[c] in fingers and hand.contact_finger[c] != "palm" for c in contact_candidates])
     chosen = contact_candidates[own]
     return move_points(

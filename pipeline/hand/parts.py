@@ -7,21 +7,21 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import FINGER_LINKS, load_hand
 from pipeline.hand.kinematics import link_poses, points_on_links
+from pipeline.hand.model import Hand, load_hand
 from pipeline.hand.surface import hand_surface
-
-FINGER_BASES = {"index": "link_0.0", "middle": "link_4.0", "ring": "link_8.0", "thumb": "link_12.0"}
-
-
-def part_links(fingers: Sequence[str]) -> tuple[str, ...]:
-    """Return the links of some fingers with the bases that they turn on; the palm does not move and is left out."""
-    return tuple(
-        link for finger in fingers if finger != "palm" for link in (FINGER_BASES[finger], *FINGER_LINKS[finger])
-    )
+from pipeline.records.parameters.hand import PALM
 
 
-RING_LINKS = part_links(["ring"])
+def part_links(fingers: Sequence[str], hand: Hand | None = None) -> tuple[str, ...]:
+    """Return the links of some fingers with the bases that they turn on; the palm does not move and is left out.
+
+    Args:
+        hand: the Allegro when left out.
+    """
+    hand = hand or load_hand()
+    chains = [(hand.finger_base[finger], *hand.finger_links[finger]) for finger in fingers if finger != PALM]
+    return tuple(link for chain in chains for link in chain if link is not None)
 
 
 def part_points(style: str, q: NDArray[np.float64], count: int = 300) -> NDArray[np.float64]:
@@ -35,6 +35,6 @@ def part_points(style: str, q: NDArray[np.float64], count: int = 300) -> NDArray
     """
     hand = load_hand()
     links, points = hand_surface(count)
-    ring = np.isin(links, [hand.link(name) for name in RING_LINKS])
+    ring = np.isin(links, [hand.link(name) for name in part_links(["ring"], hand)])
     own = ring | (links == hand.link("base_link")) if style == "side" else ~ring
     return points_on_links(link_poses(hand, q[None]), links[own], points[own])[0]

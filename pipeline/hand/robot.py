@@ -1,4 +1,4 @@
-"""The Panda arm with the Allegro hand as one URDF, composed from the two descriptions inside mani_skill.
+"""A hand alone, or the Panda arm with the Allegro hand, as one URDF for loaders that want a file.
 
 Both physics (SAPIEN) and motion planning (Pinocchio) load what is written here, so that they cannot disagree.
 Mount transforms: the published robot description (see ``pipeline.hand.surface``).
@@ -12,7 +12,8 @@ from functools import lru_cache
 from pathlib import Path
 
 from pipeline.hand.allegro import JOINT_NAMES
-from pipeline.hand.assets import allegro_description, panda_description
+from pipeline.hand.assets import panda_description
+from pipeline.hand.model import Hand, load_hand
 
 ARM_JOINT_NAMES = tuple(f"panda_joint{index}" for index in range(1, 8))
 ROBOT_JOINT_NAMES = ARM_JOINT_NAMES + JOINT_NAMES
@@ -58,18 +59,22 @@ def _mount() -> list[ElementTree.Element]:
     return list(ElementTree.fromstring(text))
 
 
-def compose_robot(arm: bool, visuals: bool) -> str:
+def compose_robot(arm: bool, visuals: bool, hand: Hand | None = None) -> str:
     """Return the URDF text of the hand alone or of arm, mount and hand; mesh paths are absolute.
 
     Args:
-        arm: with the Panda arm and the mount; otherwise the root is ``base_link``.
+        arm: with the Panda arm and the mount; otherwise the root is that of the hand.
         visuals: keep visual meshes (physics without a renderer must not see any).
+        hand: the Allegro when left out; no other is on the arm.
     """
-    hand = _with_absolute_meshes(allegro_description())
+    hand = hand or load_hand()
+    own = _with_absolute_meshes(hand.urdf)
     if not visuals:
-        _without_visuals(hand)
+        _without_visuals(own)
     if not arm:
-        return ElementTree.tostring(hand, encoding="unicode")
+        return ElementTree.tostring(own, encoding="unicode")
+    if not hand.mounted:
+        raise ValueError(f"the hand {hand.name} is not on the arm")
     robot = ElementTree.Element("robot", name="panda_allegro")
     panda = _with_absolute_meshes(panda_description())
     if not visuals:
@@ -83,7 +88,7 @@ def compose_robot(arm: bool, visuals: bool) -> str:
         ):
             robot.append(element)
     robot.extend(_mount())
-    robot.extend(element for element in hand if element.tag in ("link", "joint"))
+    robot.extend(element for element in own if element.tag in ("link", "joint"))
     return ElementTree.tostring(robot, encoding="unicode")
 
 
@@ -92,9 +97,10 @@ def _folder() -> tempfile.TemporaryDirectory[str]:
     return tempfile.TemporaryDirectory(prefix="panda-allegro-")
 
 
-@lru_cache(maxsize=2)
-def robot_file(arm: bool) -> Path:
+@lru_cache(maxsize=4)
+def robot_file(arm: bool, hand: Hand | None = None) -> Path:
     """Write the visual-free URDF once per process and return its path, for loaders that want a file."""
-    target = Path(_folder().name) / ("panda_allegro.urdf" if arm else "allegro.urdf")
-    target.write_text(compose_robot(arm, visuals=False))
+    hand = hand or load_hand()
+    target = Path(_folder().name) / (f"panda_{hand.name}.urdf" if arm else f"{hand.name}.urdf")
+    target.write_text(compose_robot(arm, visuals=False, hand=hand))
     return target

@@ -7,8 +7,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import load_hand, origin_matrix
 from pipeline.hand.assets import panda_description
+from pipeline.hand.model import Hand, load_hand
+from pipeline.hand.urdf import origin_matrix
 
 DENSITY_FACTOR = 20  # raw samples per kept point
 
@@ -31,13 +32,19 @@ def _box_samples(half: NDArray[np.float64], count: int, rng: np.random.Generator
     return points
 
 
-@lru_cache(maxsize=4)
-def hand_surface(count: int = 1000) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def hand_surface(count: int = 1000, hand: Hand | None = None) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return links (count,) and points (count, 3) in link frames, spread over all collision shapes by area.
 
     The points are the same in every process: they are farthest-point samples of a fixed random draw.
+
+    Args:
+        hand: the Allegro when left out.
     """
-    hand = load_hand()
+    return _hand_surface(count, hand or load_hand())
+
+
+@lru_cache(maxsize=8)
+def _hand_surface(count: int, hand: Hand) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     rng = np.random.Generator(np.random.PCG64(0))
     box_areas = 8 * (hand.box_half * np.roll(hand.box_half, 1, axis=1)).sum(1)
     sphere_areas = 4 * np.pi * hand.sphere_radius**2

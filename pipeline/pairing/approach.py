@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.hand.allegro import load_hand
-from pipeline.hand.approach import Approach, choose_approach, straight
-from pipeline.hand.moves import finger_joints
+from pipeline.hand.approach import Approach, choose_approach
+from pipeline.hand.moves import finger_joints, straight
 from pipeline.hand.parts import part_links
 from pipeline.hand.support import PLANE, Support
 from pipeline.pairing.clearance import finger_clearance, hand_object_clearance, links_of, posed_hand, support_height

@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.hand.approach import straight
-from pipeline.hand.moves import finger_joints
+from pipeline.hand.moves import finger_joints, straight
 from pipeline.hand.parts import part_points
 from pipeline.records.poses import inverse_pose, pose_matrix, transform_points
 

@@ -1,4 +1,4 @@
-"""Simulated worlds: floating hand, support, Panda and Allegro; contacts and drift."""
+"""Simulated worlds: floating hands, support, Panda and Allegro; contacts and drift."""
 
 import warnings
 

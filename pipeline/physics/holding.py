@@ -1,6 +1,6 @@
 """The six-gravity holding test: a floating hand holds any number of objects while gravity pulls from all sides.
 
-The world frame is the hand frame (``base_link``, fixed in space). Gravity directions are given in the frame of the
+The world frame is the hand frame (fixed in space). Gravity directions are given in the frame of the
 FIRST object at the grasp, and rotated into the hand frame with its pose. Every direction is a world of its own that
 begins with hand and objects at rest in the grasp and all finger drives set to the squeeze target at once.
 """
@@ -8,11 +8,12 @@ begins with hand and objects at rest in the grasp and all finger drives set to t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.hand.model import Hand, load_hand
 from pipeline.physics.bodies import Body, add_object
 from pipeline.physics.contacts import pressing_links
 from pipeline.physics.robots import Robot, add_robot
@@ -40,8 +41,9 @@ class HeldGrasp:
     """A hand around its objects."""
 
     objects: tuple[HeldObject, ...]
-    q: NDArray[np.float64]  # (16,) joint angles at the start
-    squeeze_q: NDArray[np.float64]  # (16,) drive targets
+    q: NDArray[np.float64]  # (J,) joint angles at the start
+    squeeze_q: NDArray[np.float64]  # (J,) drive targets
+    hand: Hand = field(default_factory=load_hand)  # the Allegro when left out
 
 
 @dataclass(frozen=True)
@@ -130,6 +132,7 @@ def hold_in_gravities(
     objects: Sequence[HeldObject],
     q: NDArray[np.float64],
     squeeze_q: NDArray[np.float64],
+    hand: Hand | None = None,
 ) -> Holding:
     """Test the grasp in every direction of ``limits.gravity_directions``, in that order.
 
@@ -137,15 +140,16 @@ def hold_in_gravities(
     :meth:`Outcome.held`).
 
     Args:
-        q: (16,) joint angles at the start.
-        squeeze_q: (16,) drive targets.
+        q: (J,) joint angles at the start.
+        squeeze_q: (J,) drive targets.
+        hand: the Allegro when left out.
     """
     settings = limits.for_floating_hand(settings)
     outcomes: list[Outcome] = []
     total = 0
     for direction in limits.gravity_directions:
         gravity = gravity_vector(direction, objects[0].T_hand_object)
-        outcome, steps = _hold(settings, limits, objects, q, squeeze_q, gravity)
+        outcome, steps = _hold(settings, limits, objects, q, squeeze_q, gravity, hand or load_hand())
         outcomes.append(outcome)
         total += steps
         if limits.early_rejection and not outcome.held(limits):
@@ -160,10 +164,11 @@ def _hold(
     q: NDArray[np.float64],
     squeeze_q: NDArray[np.float64],
     gravity: NDArray[np.float64],
+    hand: Hand,
 ) -> tuple[Outcome, int]:
     """One direction: its outcome and the steps simulated."""
     world = make_world(settings, gravity)
-    robot = add_robot(world, settings, False, np.eye(4), q)
+    robot = add_robot(world, settings, False, np.eye(4), q, hand)
     robot.set_targets(squeeze_q)
     bodies = [
         add_object(world, held.prepared, settings, held.T_hand_object, name=f"object_{index}")

@@ -53,7 +53,7 @@ def place_rig(
     world: World, settings: PhysicsParameters, grasp: HeldGrasp, T_world_hand: NDArray[np.float64]
 ) -> tuple[Robot, list[Body]]:
     """Add a squeezing hand with its objects in the grasp to a world."""
-    robot = add_robot(world, settings, False, T_world_hand, grasp.q)
+    robot = add_robot(world, settings, False, T_world_hand, grasp.q, grasp.hand)
     robot.set_targets(grasp.squeeze_q)
     bodies = [
         add_object(world, held.prepared, settings, T_world_hand @ held.T_hand_object, name=f"object_{index}")

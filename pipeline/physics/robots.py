@@ -1,6 +1,6 @@
-"""The Allegro hand alone (floating, root fixed in space) or on the Panda arm, as a SAPIEN articulation.
+"""A hand alone (floating, root fixed in space), or the Allegro on the Panda arm, as a SAPIEN articulation.
 
-Joints are always addressed by name, in the order of ``pipeline.hand``; SAPIEN's own order is breadth-first.
+Joints are always addressed by name, in the order of the hand; SAPIEN's own order is breadth-first.
 """
 
 from __future__ import annotations
@@ -12,31 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipeline.hand.allegro import JOINT_NAMES
+from pipeline.hand.model import Hand, load_hand
 from pipeline.hand.robot import ROBOT_JOINT_NAMES, robot_file
 from pipeline.physics.world import World, from_sapien, to_sapien
 from pipeline.records.parameters.physics import PhysicsParameters
-
-TIP_SUFFIX = "_tip"
-# Links of one group never collide with each other. Every pair here is rigid, neighbouring, or kept apart by the joint
-# limits (tests/physics checks the distances); they are always nearer than the contact offset and would cost most of
-# the simulation. Pairs that can truly meet (neighbouring fingers, thumb against fingers, ...) are in no group.
-NEVER_MEETING: tuple[tuple[str, ...], ...] = (
-    ("panda_link7", "mount", "base_link", "link_12.0", "link_13.0"),
-    ("base_link", "link_0.0", "link_4.0", "link_8.0"),
-    ("base_link", "link_0.0", "link_1.0", "link_2.0"),
-    ("base_link", "link_4.0", "link_5.0", "link_6.0"),
-    ("base_link", "link_8.0", "link_9.0", "link_10.0"),
-    ("link_0.0", "link_1.0", "link_2.0", "link_3.0", "link_3.0_tip"),
-    ("link_4.0", "link_5.0", "link_6.0", "link_7.0", "link_7.0_tip"),
-    ("link_8.0", "link_9.0", "link_10.0", "link_11.0", "link_11.0_tip"),
-    ("link_12.0", "link_13.0", "link_14.0"),
-    ("link_13.0", "link_14.0", "link_15.0", "link_15.0_tip"),
-    ("link_0.0", "link_4.0", "link_5.0"),
-    ("link_0.0", "link_1.0", "link_4.0"),
-    ("link_4.0", "link_8.0", "link_9.0"),
-    ("link_4.0", "link_5.0", "link_8.0"),
-)
 
 
 @dataclass(frozen=True)
@@ -80,8 +59,8 @@ class Robot:
         return bool(self.articulation.root.sleeping)
 
 
-@lru_cache(maxsize=2)
-def _parsed(arm: bool) -> Any:
+@lru_cache(maxsize=4)
+def _parsed(arm: bool, hand: Hand) -> Any:
     """Parse the robot's URDF once per process; the builder is used again for every world."""
     from sapien.wrapper.urdf_loader import URDFLoader
 
@@ -93,56 +72,66 @@ def _parsed(arm: bool) -> Any:
 
     loader = URDFLoader()
     loader.set_scene(_NoScene())
-    builders, _, _ = loader.parse(str(robot_file(arm)))
+    builders, _, _ = loader.parse(str(robot_file(arm, hand)))
     builder = builders[0]
-    for bit, group in enumerate(NEVER_MEETING):
+    for bit, group in enumerate(hand.never_meeting):
         for link in builder.link_builders:
             if link.name in group:
                 link.collision_groups[2] |= 1 << bit
     return builder
 
 
-def _materials(links: dict[str, Any], settings: PhysicsParameters) -> None:
+def _materials(links: dict[str, Any], settings: PhysicsParameters, tips: frozenset[str]) -> None:
     from sapien import physx
 
     tip = physx.PhysxMaterial(settings.tip_static_friction, settings.tip_dynamic_friction, 0.0)
     other = physx.PhysxMaterial(settings.link_friction, settings.link_friction, 0.0)
     for name, link in links.items():
         for shape in link.collision_shapes:
-            shape.physical_material = tip if name.endswith(TIP_SUFFIX) else other
-            if name.endswith(TIP_SUFFIX):
+            shape.physical_material = tip if name in tips else other
+            if name in tips:
                 shape.patch_radius = settings.tip_patch_radius
                 shape.min_patch_radius = settings.tip_patch_radius
 
 
-def add_robot(world: World, settings: PhysicsParameters, arm: bool, T_world_root: ArrayLike, q: ArrayLike) -> Robot:
+def add_robot(
+    world: World,
+    settings: PhysicsParameters,
+    arm: bool,
+    T_world_root: ArrayLike,
+    q: ArrayLike,
+    hand: Hand | None = None,
+) -> Robot:
     """Add the hand, alone or on the arm, with a root fixed in space, at rest at ``q``, which is also its target.
 
     The robot's links do not feel gravity: the real arm compensates it.
 
     Args:
-        arm: False: 16 joints in the order of ``hand.allegro.JOINT_NAMES``, root ``base_link``.
-            True: 23 joints in the order of ``hand.robot.ROBOT_JOINT_NAMES``, root ``panda_link0``.
+        arm: False: J joints in the order of ``hand.joint_names``, root of the hand.
+            True, for the Allegro only: 23 joints in the order of ``hand.robot.ROBOT_JOINT_NAMES``, root
+            ``panda_link0``.
         T_world_root: (4, 4) pose of the root link.
-        q: (16,) or (23,) first joint positions and drive targets, rad.
+        q: (J,) or (23,) first joint positions and drive targets, rad.
+        hand: the Allegro when left out.
     """
-    builder = _parsed(arm)
+    hand = hand or load_hand()
+    builder = _parsed(arm, hand)
     builder.set_scene(world.scene)
     builder.set_initial_pose(to_sapien(T_world_root))
     articulation = builder.build(fix_root_link=True)
-    names = ROBOT_JOINT_NAMES if arm else JOINT_NAMES
+    names = ROBOT_JOINT_NAMES if arm else hand.joint_names
     in_sapien = [joint.name for joint in articulation.active_joints]
     order = np.array([in_sapien.index(name) for name in names])
     joints = tuple(articulation.active_joints[index] for index in order)
     for name, joint in zip(names, joints, strict=True):
-        if name in JOINT_NAMES:
+        if name in hand.joint_names:
             joint.set_drive_properties(settings.hand_stiffness, settings.hand_damping, settings.hand_torque_limit)
         else:
             joint.set_drive_properties(settings.arm_stiffness, settings.arm_damping, settings.arm_torque_limit)
     links = {link.name: link for link in articulation.links}
     for link in links.values():
         link.disable_gravity = True
-    _materials(links, settings)
+    _materials(links, settings, hand.tips)
     robot = Robot(
         articulation=articulation,
         joint_names=names,

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.approach import straight
-from pipeline.hand.moves import finger_joints
+from pipeline.hand.model import Hand
+from pipeline.hand.moves import finger_joints, straight
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
 
@@ -27,25 +27,27 @@ def settle_grasp(
     squeeze_q: NDArray[np.float64],
     settings: PhysicsParameters,
     waiting: Sequence[str] = ("ring",),
+    hand: Hand | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return joint angles (16,) and ``T_hand_object`` (4, 4) as physics leaves them after a gentle squeeze.
+    """Return joint angles (J,) and ``T_hand_object`` (4, 4) as physics leaves them after a gentle squeeze.
 
     Without gravity, whose direction changes on the way, and without another object; waiting fingers are straight.
 
     Args:
         T_hand_object: (4, 4) in the synthesized grasp.
-        q, squeeze_q: (16,) joints of the grasp, and drive targets that press its contacts together, rad.
+        q, squeeze_q: (J,) joints of the grasp, and drive targets that press its contacts together, rad.
         waiting: fingers that will pick other objects later.
+        hand: the Allegro when left out.
     """
     from pipeline.physics.bodies import add_object
     from pipeline.physics.robots import add_robot
     from pipeline.physics.world import make_world
 
     start, target = q.copy(), squeeze_q.copy()
-    joints = finger_joints(waiting)
-    start[joints] = target[joints] = straight(waiting)  # away from the object
+    joints = finger_joints(waiting, hand)
+    start[joints] = target[joints] = straight(waiting, hand)  # away from the object
     world = make_world(settings, np.zeros(3))
-    robot = add_robot(world, settings, False, np.eye(4), start)
+    robot = add_robot(world, settings, False, np.eye(4), start, hand)
     body = add_object(world, prepared, settings, T_hand_object)
     for step in range(1, RAMP_STEPS + 1):
         robot.set_targets(start + (target - start) * (step / RAMP_STEPS))

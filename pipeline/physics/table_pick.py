@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.hand.model import Hand
 from pipeline.hand.support import PLANE, Support
 from pipeline.physics.bodies import Body, add_object, add_support
 from pipeline.physics.contacts import pressing_links
@@ -76,19 +77,21 @@ def pick_from_support(
     length: float,
     assigned_links: tuple[str, ...],
     stand: Support = PLANE,
+    hand: Hand | None = None,
 ) -> TablePick:
     """Run the tabletop test.
 
     Args:
         T_object_hand: (4, 4) the grasp; the object stands on the plane z = ``prepared.bottom``.
-        q, squeeze_q, open_q: (16,) joint angles at the grasp, drive targets of the squeeze, and for the approach, rad.
+        q, squeeze_q, open_q: (J,) joint angles at the grasp, drive targets of the squeeze, and for the approach, rad.
         direction: (3,) unit, object frame, from the grasp towards where the hand comes from.
         length: of the approach, m.
         stand: what the object stands on.
+        hand: the Allegro when left out.
     """
     settings = limits.for_floating_hand(settings)
     world = make_world(settings)
-    robot = add_robot(world, settings, False, T_object_hand, open_q)
+    robot = add_robot(world, settings, False, T_object_hand, open_q, hand)
     away = -length * direction
     half = SUPPORT_HALF if stand == PLANE else np.array([stand.half_width, stand.half_width, stand.height / 2])
     support_home = np.array([0.0, 0.0, prepared.bottom - half[2]])
@@ -135,7 +138,7 @@ def _carry(rig: _Rig, start: NDArray[np.float64], end: NDArray[np.float64], seco
 
 
 def _close(rig: _Rig, start: NDArray[np.float64], end: NDArray[np.float64], seconds: float) -> bool:
-    """Move the drive targets from ``start`` to ``end`` (16,); return whether the hand touched the support."""
+    """Move the drive targets from ``start`` to ``end`` (J,); return whether the hand touched the support."""
     touched, steps = False, rig.world.steps(seconds)
     for step in range(1, steps + 1):
         rig.robot.set_targets(start + step / steps * (end - start))

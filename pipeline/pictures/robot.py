@@ -1,4 +1,4 @@
-"""Bodies of the hand and of the whole robot in a given posture, from the visual meshes of their descriptions."""
+"""Bodies of a hand and of the whole robot in a given posture, from the visual meshes of their descriptions."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import origin_matrix
+from pipeline.hand.model import Hand, load_hand
 from pipeline.hand.robot import MOUNT_LINK, ROBOT_JOINT_NAMES, compose_robot
+from pipeline.hand.urdf import origin_matrix
 from pipeline.pictures.decimation import Mesh, decimated
 from pipeline.pictures.render import Body, corner_normals
 
@@ -37,8 +38,8 @@ def _few_faces(mesh: Any) -> Mesh:
     return decimated((np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)), LARGEST_MESH)
 
 
-def _colour(link: str, mesh: Any) -> tuple[float, float, float]:
-    if link.endswith("_tip"):
+def _colour(link: str, mesh: Any, tips: frozenset[str]) -> tuple[float, float, float]:
+    if link in tips:
         return TIP_COLOUR
     if not link.startswith("panda"):
         return HAND_COLOUR
@@ -55,12 +56,12 @@ def _file_meshes(path: Path) -> list[Any]:
     return list(loaded.dump()) if isinstance(loaded, trimesh.Scene) else [loaded]
 
 
-@lru_cache(maxsize=2)
-def _visuals(arm: bool) -> tuple[_Visual, ...]:
+@lru_cache(maxsize=4)
+def _visuals(arm: bool, hand: Hand) -> tuple[_Visual, ...]:
     import trimesh
 
     visuals = []
-    for link in ElementTree.fromstring(compose_robot(arm, visuals=True)).iter("link"):
+    for link in ElementTree.fromstring(compose_robot(arm, visuals=True, hand=hand)).iter("link"):
         name = link.get("name", "")
         shapes = link.findall("visual") or (link.findall("collision") if name == MOUNT_LINK else [])
         for shape in shapes:
@@ -75,42 +76,43 @@ def _visuals(arm: bool) -> tuple[_Visual, ...]:
             for mesh in meshes:
                 vertices, faces = _few_faces(mesh.copy())
                 vertices = vertices @ T[:3, :3].T + T[:3, 3]
-                colour = MOUNT_COLOUR if name == MOUNT_LINK else _colour(name, mesh)
+                colour = MOUNT_COLOUR if name == MOUNT_LINK else _colour(name, mesh, hand.tips)
                 visuals.append(_Visual(name, Body(vertices, faces, colour, np.eye(4), corner_normals(vertices, faces))))
     return tuple(visuals)
 
 
-@lru_cache(maxsize=2)
-def _kinematics(arm: bool) -> tuple[Any, Any, NDArray[np.int64]]:
+@lru_cache(maxsize=4)
+def _kinematics(arm: bool, hand: Hand) -> tuple[Any, Any, NDArray[np.int64]]:
     """Pinocchio's model, and where each of our joints stands in its configuration vector."""
     import pinocchio
 
-    model = pinocchio.buildModelFromXML(compose_robot(arm, visuals=False))
-    names = ROBOT_JOINT_NAMES if arm else ROBOT_JOINT_NAMES[7:]
+    model = pinocchio.buildModelFromXML(compose_robot(arm, visuals=False, hand=hand))
+    names = ROBOT_JOINT_NAMES if arm else hand.joint_names
     return model, model.createData(), np.array([model.joints[model.getJointId(name)].idx_q for name in names])
 
 
-def _bodies(arm: bool, T_world_root: NDArray[np.float64], q: NDArray[np.float64]) -> list[Body]:
+def _bodies(arm: bool, hand: Hand, T_world_root: NDArray[np.float64], q: NDArray[np.float64]) -> list[Body]:
     import pinocchio
 
-    model, data, index = _kinematics(arm)
+    model, data, index = _kinematics(arm, hand)
     configuration = np.zeros(model.nq)
     configuration[index] = q
     pinocchio.framesForwardKinematics(model, data, configuration)
     return [
         visual.body.placed(T_world_root @ data.oMf[model.getFrameId(visual.link)].homogeneous)
-        for visual in _visuals(arm)
+        for visual in _visuals(arm, hand)
     ]
 
 
-def hand_bodies(T_world_hand: NDArray[np.float64], q: NDArray[np.float64]) -> list[Body]:
-    """Return the hand's links.
+def hand_bodies(T_world_hand: NDArray[np.float64], q: NDArray[np.float64], hand: Hand | None = None) -> list[Body]:
+    """Return the links of a hand.
 
     Args:
-        T_world_hand: (4, 4) pose of ``base_link``.
-        q: (16,) joint angles, rad.
+        T_world_hand: (4, 4) pose of the root link.
+        q: (J,) joint angles, rad.
+        hand: the Allegro when left out.
     """
-    return _bodies(False, T_world_hand, np.asarray(q, np.float64))
+    return _bodies(False, hand or load_hand(), T_world_hand, np.asarray(q, np.float64))
 
 
 def robot_bodies(q: NDArray[np.float64], T_world_base: NDArray[np.float64] | None = None) -> list[Body]:
@@ -120,4 +122,4 @@ def robot_bodies(q: NDArray[np.float64], T_world_base: NDArray[np.float64] | Non
         q: (23,) the arm's 7 joint angles, then the hand's 16, rad.
         T_world_base: (4, 4) pose of ``panda_link0``; the world's origin when absent.
     """
-    return _bodies(True, np.eye(4) if T_world_base is None else T_world_base, np.asarray(q, np.float64))
+    return _bodies(True, load_hand(), np.eye(4) if T_world_base is None else T_world_base, np.asarray(q, np.float64))

@@ -2,7 +2,8 @@
 
 Every table keeps rejected rows too; ``rejected_by`` names the first check that a row failed and is empty for a row
 that passed. Lengths are metres, angles radians, quaternions wxyz, ``position_a_b`` and ``quaternion_a_b`` together
-are ``T_a_b`` (maps coordinates in b to a). ``q`` is always in the order ``joint_0.0`` ... ``joint_15.0``.
+are ``T_a_b`` (maps coordinates in b to a). ``q`` is always in the order of ``joints`` in the hand's description, for
+the Allegro ``joint_0.0`` ... ``joint_15.0``. A table of another hand names it in the file's metadata, see ``of_hand``.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pipeline.records.errors import UserError
+from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.writing import whole_file
 
 MOST_VALUES = 1_000_000_000  # in one file: six times what a million grasps of two objects have
@@ -24,6 +26,7 @@ def _vector(length: int) -> pa.DataType:
     return pa.list_(pa.float64(), length)
 
 
+_HAND = b"hand"
 _VECTORS = pa.list_(_vector(3))
 # Vectors that are null where a check was not reached: parquet cannot read nulls back from lists of fixed length.
 _OPTIONAL_VECTOR = pa.list_(pa.float64())
@@ -203,6 +206,27 @@ JOINED_TRIALS = pa.schema(
 )
 
 
+def of_hand(schema: pa.Schema, hand: str, joints: int) -> pa.Schema:
+    """Return ``CANDIDATES`` or ``VALIDATED`` as it is for a hand: its joints in ``q``, its name in the metadata.
+
+    The Allegro's tables are the schemas as they stand, without metadata.
+    """
+    if hand == ALLEGRO:
+        return schema
+    q = schema.get_field_index("q")
+    return schema.set(q, pa.field("q", _vector(joints))).with_metadata({_HAND: hand})
+
+
+def hand_of_schema(schema: pa.Schema) -> str:
+    """Return the name of the hand whose grasps a table holds."""
+    return (schema.metadata or {}).get(_HAND, ALLEGRO.encode()).decode()
+
+
+def hand_of_table(source: Path) -> str:
+    """Return the name of the hand whose grasps a file holds."""
+    return hand_of_schema(pq.read_schema(source))
+
+
 def write_table(target: Path, rows: pd.DataFrame, schema: pa.Schema) -> None:
     """Write ``rows`` with exactly the columns and types of ``schema``; the same rows give the same bytes."""
     missing = set(schema.names) - set(rows.columns)
@@ -221,7 +245,7 @@ def read_table(source: Path, schema: pa.Schema, made_by: str) -> pd.DataFrame:
         made_by: the DVC stage that writes the file, named in errors.
 
     Raises:
-        UserError: the file is missing, damaged, or has other columns.
+        UserError: the file is missing, damaged, of another hand, or has other columns.
     """
     mend = f"run `dvc repro {made_by}` to make it again"
     if not source.exists():
@@ -229,6 +253,12 @@ def read_table(source: Path, schema: pa.Schema, made_by: str) -> pd.DataFrame:
     try:
         check_size(source)
         table = pq.read_table(source)
+        written, wanted = hand_of_schema(table.schema), hand_of_schema(schema)
+        if written != wanted:
+            raise UserError(
+                f"{source} holds grasps of the hand {written}, not of the {wanted}; run `dvc repro {made_by}` with "
+                f"hand: {wanted} in params.yaml to make them."
+            )
         if not table.schema.equals(schema):
             raise UserError(f"{source} has other columns than this version expects; delete it and {mend}.")
         return table.to_pandas(ignore_metadata=True)

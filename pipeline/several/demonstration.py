@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.records.errors import UserError
-from pipeline.records.parameters import Parameters, read_parameters
+from pipeline.records.parameters import Parameters, read_parameters, require_allegro
 from pipeline.records.parameters.several import SeveralParameters, read_sequence
 
 
@@ -47,6 +47,7 @@ def demonstrate(source: Path, output: Path, workers: int | None) -> None:
         UserError: the description is unusable, an object cannot be prepared, or the folder cannot be written to.
     """
     sequence, parameters = read_sequence(source), read_parameters()
+    require_allegro(parameters)
     processes = parameters.compute if workers is None else workers
 
     import pandas as pd

@@ -9,8 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.compute.fan_out import Workers
-from pipeline.hand.approach import straight
-from pipeline.hand.moves import finger_joints
+from pipeline.hand.moves import finger_joints, straight
 from pipeline.hand.support import PLANE, Support
 from pipeline.pairing.grasps import fingers_of
 from pipeline.records.objects import PreparedObject

@@ -24,7 +24,8 @@ import yaml
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import OBJECT_NAME
-from pipeline.records.tables import check_size
+from pipeline.records.parameters.hand import ALLEGRO
+from pipeline.records.tables import check_size, hand_of_schema
 from pipeline.records.texts import parse_yaml
 
 STYLES = ("pinch", "side")
@@ -209,6 +210,12 @@ def read_columns(project: Project, path: Path, columns: pa.Schema, made_by: str)
         table = pq.read_table(io.BytesIO(content))
     except (pa.ArrowException, OSError, ValueError) as error:
         raise UserError(f"{project.where(path)} is damaged or no parquet file; fetch or make it again.") from error
+    hand = hand_of_schema(table.schema)
+    if hand != ALLEGRO:
+        raise UserError(
+            f"{project.where(path)} holds grasps of the hand {hand}, and only those of the {ALLEGRO} are shared so; "
+            "read the file with pandas.read_parquet."
+        )
     missing = [name for name in columns.names if name not in table.column_names]
     if missing:
         raise UserError(

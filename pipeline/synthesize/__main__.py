@@ -9,12 +9,12 @@ from pipeline.records import paths
 from pipeline.records.objects import load_prepared_object
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.running import run_stage
-from pipeline.records.tables import CANDIDATES, write_table
+from pipeline.records.tables import CANDIDATES, of_hand, write_table
 
 
 def sections(style: str, object_name: str) -> list[str]:
     """Parameter sections that this stage reads; ``object_name`` enters through the prepared object."""
-    return ["seed", "synthesize.energy", "synthesize.optimizer", f"synthesize.{style}"]
+    return ["hand", "seed", "synthesize.energy", "synthesize.optimizer", f"synthesize.{style}"]
 
 
 def synthesize_object(style: str, object_name: str) -> None:
@@ -22,7 +22,11 @@ def synthesize_object(style: str, object_name: str) -> None:
     parameters = load_parameters(sections(style, object_name))
     workers = read_parameters().compute
     prepared = load_prepared_object(object_name)
+    from pipeline.hand.model import load_hand
     from pipeline.synthesize.candidates import Request, synthesize
+
+    hand = load_hand(parameters["hand"])
+    hand.style(style)
 
     request = Request(
         prepared=prepared,
@@ -31,8 +35,10 @@ def synthesize_object(style: str, object_name: str) -> None:
         energy=parameters["synthesize.energy"],
         optimizer=parameters["synthesize.optimizer"],
         settings=parameters[f"synthesize.{style}"],
+        hand=hand,
     )
-    write_table(paths.candidates_file(style, object_name), synthesize(request, workers), CANDIDATES)
+    schema = of_hand(CANDIDATES, hand.name, hand.joint_count)
+    write_table(paths.candidates_file(style, object_name), synthesize(request, workers), schema)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 import pandas as pd
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.compute.fan_out import Workers, fan_out
 from pipeline.energy.scene import EnergyScene, Grasps, Terms, contact_slots
-from pipeline.hand.allegro import Hand, load_hand
+from pipeline.hand.model import Hand, load_hand
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters, StyleParameters
 from pipeline.records.seeds import item_generator, item_seed
@@ -31,6 +31,7 @@ class Request:
     optimizer: OptimizerParameters
     settings: StyleParameters
     waiting: tuple[str, ...] = ()  # fingers that are straight, as they pick other objects later
+    hand: Hand = field(default_factory=load_hand)  # the Allegro when left out
 
 
 @dataclass(frozen=True)
@@ -56,11 +57,11 @@ def split_chains(request: Request) -> list[Block]:
 def first_states(
     block: Block, scene: EnergyScene
 ) -> tuple[Grasps, list[NDArray[np.float64]], NDArray[np.bool_], NDArray[np.int64]]:
-    """Return what the chains of a block start from: states, contact slots, free joints (16,), seeds.
+    """Return what the chains of a block start from: states, contact slots, free joints (J,), seeds.
 
     States and seeds are those of all starts, chain by chain. The first is what the chain would have alone.
     """
-    request, hand = block.request, load_hand()
+    request, hand = block.request, block.request.hand
     settings = request.settings
     key = "+".join(block.fingers)
     slots = contact_slots(
@@ -71,13 +72,13 @@ def first_states(
     generators = [item_generator(request.run_seed, *identity, *start) for start in starts]
     seeds = np.array([item_seed(request.run_seed, *identity, *start) & 0x7FFFFFFF for start in starts])
     first = draw_seeds(scene, hand, request.style, settings, slots, generators, request.waiting)
-    return first, slots, free_joints(request.style, settings, request.waiting), seeds
+    return first, slots, free_joints(hand, request.style, settings, request.waiting), seeds
 
 
 def run_block(block: Block) -> tuple[Grasps, Terms]:
     """Return the states that a block's chains end with, and their terms."""
-    request, hand = block.request, load_hand()
-    scene = EnergyScene(request.prepared, request.energy, request.settings, request.optimizer.device)
+    request, hand = block.request, block.request.hand
+    scene = EnergyScene(request.prepared, request.energy, request.settings, request.optimizer.device, hand)
     first, slots, free, seeds = first_states(block, scene)
     settings = request.settings
     best, _ = run_chains(scene, request.optimizer, settings.iterations, first, slots, free, seeds, settings.starts)
@@ -98,13 +99,13 @@ def touching(hand: Hand, fingers: Sequence[str], contacts: NDArray[np.int64]) ->
 def block_rows(block: Block, grasps: Grasps, terms: Terms) -> pd.DataFrame:
     """Return the table rows of a block, scored exactly."""
     request = block.request
-    terms, points, normals = score_exactly(load_hand(), request.prepared, request.energy, grasps, terms)
+    terms, points, normals = score_exactly(request.hand, request.prepared, request.energy, grasps, terms)
     return pd.DataFrame(
         {
             "grasp_id": list(block.chains),
             "object": request.prepared.name,
             "style": request.style,
-            "fingers": touching(load_hand(), block.fingers, grasps.contacts),
+            "fingers": touching(request.hand, block.fingers, grasps.contacts),
             "position_object_hand": list(grasps.position),
             "quaternion_object_hand": list(grasps.rotation),
             "q": list(grasps.q),
@@ -122,7 +123,7 @@ def synthesize(request: Request, workers: Workers) -> pd.DataFrame:
     """Return one row per chain (``records.tables.CANDIDATES``), in the order of the chains."""
     blocks = split_chains(request)
     # Compile once here; the processes then find the kernels in the cache.
-    EnergyScene(request.prepared, request.energy, request.settings, request.optimizer.device).compile()
+    EnergyScene(request.prepared, request.energy, request.settings, request.optimizer.device, request.hand).compile()
     label = f"synthesize {request.style} {request.prepared.name}"
     results = fan_out(run_block, blocks, workers, label)
     rows = pd.concat(

@@ -83,8 +83,8 @@ def launch_chains(
         iterations: number of steps; the schedule is fitted to it.
         current: ``kernel.States`` of B chains; evaluated here.
         best: the same, holding the best states so far; evaluated here.
-        slots: per contact, the chance (143,) of every candidate; see ``energy.scene.contact_slots``.
-        free: (16,) joints that may move.
+        slots: per contact, the chance (C,) of every candidate; see ``energy.scene.contact_slots``.
+        free: (J,) joints that may move.
         seeds: (B,) 31-bit seeds of the chains.
     """
     wp, kernel, count = scene.wp, scene.kernel, len(seeds)
@@ -95,7 +95,7 @@ def launch_chains(
     for states in (current, best):
         scene.launch_evaluation(states, scratch, weights)
     schedule = _schedule(scene, optimizer, iterations, slots, free)
-    mean_square = wp.zeros((count, kernel.DEGREES), dtype=float, device=scene.device)
+    mean_square = wp.zeros((count, kernel.POSE + scene.joint_count), dtype=float, device=scene.device)
     seed_array = wp.array(seeds.astype(np.int32), dtype=int, device=scene.device)
     energy = [scene.hand, scene.scene, weights]
     if not (optimizer.shared_preconditioner or optimizer.batch_table_term):
@@ -106,7 +106,7 @@ def launch_chains(
     def recorded(kernel: Any, dim: int, *inputs: Any) -> Any:
         return wp.launch(kernel, dim=dim, inputs=list(inputs), device=scene.device, record_cmd=True)
 
-    share = recorded(kernel.share_slopes_kernel, kernel.DEGREES, schedule, current, mean_square)
+    share = recorded(kernel.share_slopes_kernel, kernel.POSE + scene.joint_count, schedule, current, mean_square)
     proposed = (schedule, current, proposal, scratch, mean_square, seed_array, 0)
     propose = recorded(kernel.propose_kernel, count, *energy, *proposed)
     sum_table = recorded(kernel.sum_table_kernel, 1, weights, proposal)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline.energy.scene import Grasps, Terms, contact_positions, contact_shares, force_closure, torque_scale
-from pipeline.hand.allegro import Hand
+from pipeline.hand.model import Hand
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters
 

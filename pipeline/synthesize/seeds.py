@@ -1,8 +1,7 @@
 """First states of the chains: where the hand stands before it looks for a grasp.
 
-The published distributions, turned to z up: a pinching hand looks down with its fingers away from the robot (+x), a
-side hand lies on its side with its palm towards +y. Draws that start inside the object or under the table are drawn
-again (a third of the published pinch draws, four side draws of five).
+The distributions are part of the hand's description (``styles``). Draws that start inside the object or under the table
+are drawn again (a third of the published pinch draws, four side draws of five).
 """
 
 from __future__ import annotations
@@ -15,59 +14,56 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.energy.keep_out import fingers_used
 from pipeline.energy.scene import EnergyScene, Grasps
-from pipeline.hand.allegro import Hand
-from pipeline.hand.approach import straight
-from pipeline.hand.moves import finger_joints
+from pipeline.hand.model import Hand
+from pipeline.hand.moves import finger_joints, straight
+from pipeline.records.errors import UserError
+from pipeline.records.parameters.hand import PALM
 from pipeline.records.parameters.synthesize import StyleParameters
 
 JITTER = 0.1  # standard deviation of joints, share of their range (released code)
 ROTATION_NOISE = 0.1  # rad per axis; the released code adds it to the entries of its 6-D rotation
 ATTEMPTS = 60  # draws per chain before the least colliding one is taken
-
-# Columns: hand x (palm normal), y (index side), z (fingers), object frame.
-PINCH_ROTATION = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
-SIDE_ROTATION = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
-
-# Index, middle, ring, thumb; rad. Released means, but for the fingers that the style does not use.
-PINCH_POSTURE = np.array([0, 0.5, 0, 0, 0, 0.5, 0, 0, 0, -0.1, 0, 0, 1.4, 0, 0, 0])
-# Ring as released; thumb, index and middle as in a pinch of a 4-6 cm object.
-SIDE_POSTURE = np.array([0, 0.9, 0.45, 0.35, 0.05, 0.75, 0.3, 0.25, 0.02, 0.8, 0.6, 0.6, 1.33, 0.1, 0.42, 0.38])
-RELEASED_POSTURE = {
-    "pinch": np.array([0, 0.5, 0, 0, 0, 0.5, 0, 0, 0, 0.5, 0, 0, 1.4, 0, 0, 0]),
-    "side": np.array([0, -0.196, 0, 0.4, 0, 0.7, 0, 0.4, 0.021, 1.395, 1.05, 0.797, 0.263, 0, 0, 0]),
-}
 HELD_SPREAD = 0.1  # rad, spread of joints that stay where they are drawn
-HELD_FINGERS = {"pinch": ("ring",), "side": ("thumb", "index", "middle", "ring")}  # unless the style uses them
 
 
-def free_joints(style: str, settings: StyleParameters, waiting: Sequence[str] = ()) -> NDArray[np.bool_]:
-    """Return (16,) joints that synthesis may move; the others belong to the other objects in the hand.
+def free_joints(hand: Hand, style: str, settings: StyleParameters, waiting: Sequence[str] = ()) -> NDArray[np.bool_]:
+    """Return (J,) joints that synthesis may move; the others belong to the other objects in the hand.
 
     Args:
         waiting: fingers that will pick other objects later.
     """
-    free = np.ones(16, dtype=bool)
+    free = np.ones(hand.joint_count, dtype=bool)
     if not settings.released_seeds:
-        free[finger_joints(sorted({*HELD_FINGERS[style]} - {*fingers_used(settings.finger_sets)}))] = False
-        free[finger_joints(waiting)] = False
+        held = {*hand.style(style).held} - {*fingers_used(settings.finger_sets)}
+        free[finger_joints(sorted(held), hand)] = False
+        free[finger_joints(waiting, hand)] = False
     return free
 
 
-def mean_posture(style: str, settings: StyleParameters, waiting: Sequence[str] = ()) -> NDArray[np.float64]:
-    """Return the joints (16,), rad, about which first hands are drawn.
-
-    The finger of a side grasp is curled as the ring finger is in a side grasp with it.
+def mean_posture(hand: Hand, style: str, settings: StyleParameters, waiting: Sequence[str] = ()) -> NDArray[np.float64]:
+    """Return the joints (J,), rad, about which first hands are drawn.
 
     Args:
         waiting: fingers that are straight meanwhile, as they pick other objects later.
+
+    Raises:
+        UserError: the hand has no released posture and ``settings`` asks for it.
     """
+    described = hand.style(style)
     if settings.released_seeds:
-        return RELEASED_POSTURE[style]
-    posture = (PINCH_POSTURE if style == "pinch" else SIDE_POSTURE).copy()
-    if style == "side":
-        for finger in set(fingers_used(settings.finger_sets)) - {"palm"}:
-            posture[finger_joints([finger])] = SIDE_POSTURE[finger_joints(["ring"])]
-    posture[finger_joints(waiting)] = straight(waiting)
+        if described.released_posture is None:
+            raise UserError(
+                f"params.yaml: synthesize.{style}.released_seeds needs a released_posture, which the hand {hand.name} "
+                "does not have; set it to false."
+            )
+        return np.array(described.released_posture)
+    posture = np.array(described.posture)
+    if described.curled_like is not None:
+        for finger in set(fingers_used(settings.finger_sets)) - {PALM}:
+            posture[finger_joints([finger], hand)] = np.array(described.posture)[
+                finger_joints([described.curled_like], hand)
+            ]
+    posture[finger_joints(waiting, hand)] = straight(waiting, hand)
     return posture
 
 
@@ -99,7 +95,7 @@ def _truncated_normal(
     from scipy.special import ndtr, ndtri
 
     low, high = ndtr((hand.lower - mean) / sigma), ndtr((hand.upper - mean) / sigma)
-    return np.clip(mean + sigma * ndtri(low + rng.random(16) * (high - low)), hand.lower, hand.upper)
+    return np.clip(mean + sigma * ndtri(low + rng.random(len(mean)) * (high - low)), hand.lower, hand.upper)
 
 
 def draw_seed(
@@ -111,22 +107,19 @@ def draw_seed(
     waiting: Sequence[str] = (),
 ) -> Grasps:
     """Return one draw (a batch of 1) of the first state of a chain."""
-    u = rng.random(3)
-    if style == "pinch":
-        v = np.array([0.3 + 0.7 * u[0], u[1] - 0.5, 0.6 * u[2] - 0.3])
-        R = minimal_rotation(np.array([1.0, 0, 0]), v / np.linalg.norm(v)) @ PINCH_ROTATION
-    else:
-        v = np.array([u[0] - 0.5, u[1] - 0.5, 0.3 + 0.5 * u[2]])
-        R = minimal_rotation(np.array([0, 0, 1.0]), v / np.linalg.norm(v)) @ SIDE_ROTATION
+    described = hand.style(style)
+    low, high = np.array(described.tilt.low), np.array(described.tilt.high)
+    v = low + (high - low) * rng.random(3)
+    R = minimal_rotation(np.array(described.tilt.axis), v / np.linalg.norm(v)) @ np.array(described.orientation)
     R = Rotation.from_euler("z", settings.heading_spread * rng.uniform(-1, 1)).as_matrix() @ R
     if settings.released_seeds:
-        position = -R[:, 0] * rng.uniform(*settings.distance_from_palm)
+        position = -(R @ hand.palm_normal) * rng.uniform(*settings.distance_from_palm)
         R = perturbed_columns(R, rng)
     else:
         R = R @ Rotation.from_rotvec(ROTATION_NOISE * rng.normal(size=3)).as_matrix()
-        position = -R[:, 0] * rng.uniform(*settings.distance_from_palm)
-    sigma = np.where(free_joints(style, settings, waiting), JITTER * (hand.upper - hand.lower), HELD_SPREAD)
-    q = _truncated_normal(rng, mean_posture(style, settings, waiting), sigma, hand)
+        position = -(R @ hand.palm_normal) * rng.uniform(*settings.distance_from_palm)
+    sigma = np.where(free_joints(hand, style, settings, waiting), JITTER * (hand.upper - hand.lower), HELD_SPREAD)
+    q = _truncated_normal(rng, mean_posture(hand, style, settings, waiting), sigma, hand)
     contacts: list[int] = []
     for slot in slots:
         chances = slot.copy()

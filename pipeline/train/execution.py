@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import Hand
-from pipeline.hand.approach import EXTENDED_FINGER, choose_approach
-from pipeline.hand.moves import RING_JOINTS, squeeze_joints
+from pipeline.hand.allegro import EXTENDED_FINGER, RING_JOINTS, Hand
+from pipeline.hand.approach import choose_approach
+from pipeline.hand.moves import squeeze_joints
 from pipeline.pairing.grasps import SingleGrasp
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.validate import ValidateParameters

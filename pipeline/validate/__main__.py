@@ -9,18 +9,25 @@ from pipeline.records import paths
 from pipeline.records.objects import load_prepared_object
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.running import run_stage
-from pipeline.records.tables import CANDIDATES, VALIDATED, read_table, write_table
+from pipeline.records.tables import CANDIDATES, VALIDATED, of_hand, read_table, write_table
 
 
 def sections(style: str, object_name: str) -> list[str]:
     """Return the parameter sections that the stage depends on."""
-    return ["physics", "validate"]
+    return ["hand", "physics", "validate"]
 
 
 def main(style: str, object_name: str) -> None:
     """Test all candidates of one object in one style and write their rows with verdicts."""
     parameters = load_parameters(sections(style, object_name))
-    candidates = read_table(paths.candidates_file(style, object_name), CANDIDATES, f"synthesize-{style}@{object_name}")
+    from pipeline.hand.model import load_hand
+
+    hand = load_hand(parameters["hand"])
+    candidates = read_table(
+        paths.candidates_file(style, object_name),
+        of_hand(CANDIDATES, hand.name, hand.joint_count),
+        f"synthesize-{style}@{object_name}",
+    )
     prepared = load_prepared_object(object_name)
     from pipeline.validate.table import validate_table
 
@@ -31,8 +38,9 @@ def main(style: str, object_name: str) -> None:
         parameters["validate"],
         read_parameters().compute,
         f"validate-{style}@{object_name}",
+        hand=hand,
     )
-    write_table(paths.validated_file(style, object_name), rows, VALIDATED)
+    write_table(paths.validated_file(style, object_name), rows, of_hand(VALIDATED, hand.name, hand.joint_count))
 
 
 if __name__ == "__main__":

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import FINGER_LINKS, load_hand
 from pipeline.hand.approach import choose_approach
+from pipeline.hand.model import Hand, load_hand
 from pipeline.hand.moves import squeeze_joints
 from pipeline.hand.support import PLANE, Support
 from pipeline.physics.holding import HeldGrasp, HeldObject, Holding, hold_in_gravities
@@ -28,30 +28,33 @@ class Candidate:
     style: str
     fingers: tuple[str, ...]
     T_object_hand: NDArray[np.float64]  # (4, 4)
-    q: NDArray[np.float64]  # (16,)
+    q: NDArray[np.float64]  # (J,)
     contact_candidates: NDArray[np.int64]  # (n,)
     contact_normals: NDArray[np.float64]  # (n, 3) object frame, outward from the object
     support: Support = PLANE  # what the object stands on
+    hand: Hand = field(default_factory=load_hand)  # the Allegro when left out
 
 
-def assigned_links(fingers: tuple[str, ...]) -> tuple[str, ...]:
+def assigned_links(hand: Hand, fingers: tuple[str, ...]) -> tuple[str, ...]:
     """Return the links that are meant to hold."""
-    return tuple(link for finger in fingers for link in FINGER_LINKS[finger])
+    return tuple(link for finger in fingers for link in hand.finger_links[finger])
 
 
 def squeeze_target(candidate: Candidate, advance: float) -> NDArray[np.float64]:
-    """Return drive targets (16,), rad, that press the contacts by ``advance`` metres along the inward normals."""
+    """Return drive targets (J,), rad, that press the contacts by ``advance`` metres along the inward normals."""
     T_hand_object = inverse_pose(candidate.T_object_hand)
     inward = -candidate.contact_normals @ T_hand_object[:3, :3].T
     return squeeze_joints(
-        load_hand(), candidate.q, candidate.contact_candidates, inward, advance, list(candidate.fingers)
+        candidate.hand, candidate.q, candidate.contact_candidates, inward, advance, list(candidate.fingers)
     )
 
 
 def held_grasp(prepared: PreparedObject, candidate: Candidate, advance: float) -> HeldGrasp:
     """Return the candidate, squeezed by ``advance`` metres, as the test of holding takes it."""
-    held = HeldObject(prepared, inverse_pose(candidate.T_object_hand), assigned_links(candidate.fingers))
-    return HeldGrasp((held,), candidate.q, squeeze_target(candidate, advance))
+    held = HeldObject(
+        prepared, inverse_pose(candidate.T_object_hand), assigned_links(candidate.hand, candidate.fingers)
+    )
+    return HeldGrasp((held,), candidate.q, squeeze_target(candidate, advance), candidate.hand)
 
 
 def check_candidate(
@@ -73,7 +76,7 @@ def check_candidate(
     grasp = held_grasp(prepared, candidate, limits.squeeze_advance)
     squeeze_q = grasp.squeeze_q
     if holding is None:
-        holding = hold_in_gravities(settings, limits, grasp.objects, candidate.q, squeeze_q)
+        holding = hold_in_gravities(settings, limits, grasp.objects, candidate.q, squeeze_q, candidate.hand)
     columns: dict[str, Any] = {
         "squeeze_q": squeeze_q,
         "open_q": None,
@@ -90,7 +93,7 @@ def check_candidate(
     if columns["rejected_by"] and limits.early_rejection:
         return columns
     approach = choose_approach(
-        load_hand(),
+        candidate.hand,
         prepared,
         candidate.T_object_hand,
         candidate.q,
@@ -117,6 +120,7 @@ def check_candidate(
         approach.length,
         grasp.objects[0].assigned_links,
         candidate.support,
+        candidate.hand,
     )
     failure = pick.failure(limits)
     columns |= {"table_approach_push": pick.push, "table_drift": pick.drift}
@@ -124,7 +128,15 @@ def check_candidate(
     if candidate.style == "side" or (columns["rejected_by"] and limits.early_rejection):
         return columns
     T_hand_object = grasp.objects[0].T_hand_object
-    _, settled = settle_grasp(prepared, T_hand_object, candidate.q, squeeze_q, limits.for_floating_hand(settings))
+    _, settled = settle_grasp(
+        prepared,
+        T_hand_object,
+        candidate.q,
+        squeeze_q,
+        limits.for_floating_hand(settings),
+        candidate.hand.style(candidate.style).waiting,
+        candidate.hand,
+    )
     columns["settling_drift"] = float(np.linalg.norm((settled - T_hand_object)[:3, 3]))
     if not columns["settling_drift"] <= limits.drift_limit:  # also when physics lost it and it is not a number
         columns["rejected_by"] = columns["rejected_by"] or "settling"

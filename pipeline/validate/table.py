@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.compute.fan_out import Workers, fan_out
+from pipeline.hand.model import Hand, load_hand
 from pipeline.hand.support import PLANE, Support
 from pipeline.physics.holding import Holding
 from pipeline.records.objects import PreparedObject
@@ -22,8 +23,13 @@ from pipeline.validate.grasp_test import Candidate, check_candidate, held_grasp
 NOT_TESTED = "not_tested"
 
 
-def candidate_of(row: dict[str, Any], support: Support = PLANE) -> Candidate:
-    """Return one row of the candidates' table as arrays; ``support`` is what the object stands on."""
+def candidate_of(row: dict[str, Any], support: Support = PLANE, hand: Hand | None = None) -> Candidate:
+    """Return one row of the candidates' table as arrays.
+
+    Args:
+        support: what the object stands on.
+        hand: the Allegro when left out.
+    """
     return Candidate(
         style=row["style"],
         fingers=tuple(row["fingers"].split("+")),
@@ -32,6 +38,7 @@ def candidate_of(row: dict[str, Any], support: Support = PLANE) -> Candidate:
         contact_candidates=np.asarray(row["contact_candidates"], np.int64),
         contact_normals=np.stack(list(row["contact_normals"])).astype(np.float64),
         support=support,
+        hand=hand or load_hand(),
     )
 
 
@@ -43,6 +50,7 @@ def validate_table(
     workers: Workers,
     label: str,
     support: Support = PLANE,
+    hand: Hand | None = None,
 ) -> pd.DataFrame:
     """Return all rows in order of ``grasp_id`` with the columns of physics.
 
@@ -51,12 +59,13 @@ def validate_table(
 
     Args:
         support: what the object stands on.
+        hand: the Allegro when left out.
     """
     rows = candidates.sort_values("grasp_id", kind="stable").reset_index(drop=True)
     passed = [index for index in rows.index if rows.at[index, "rejected_by"] == ""]
     tested, left = passed[: limits.most_candidates], passed[limits.most_candidates :]
     work = partial(_check, prepared=prepared, settings=settings, limits=limits)
-    items = [candidate_of(rows.loc[index].to_dict(), support) for index in tested]
+    items = [candidate_of(rows.loc[index].to_dict(), support, hand) for index in tested]
     tasks = list(zip(items, _gravities_elsewhere(prepared, items, settings, limits), strict=True))
     results = dict(zip(tested, fan_out(work, tasks, workers, label), strict=True))
     rejected_by = rows["rejected_by"].tolist()

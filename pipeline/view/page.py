@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from pipeline.hand.model import load_hand
 from pipeline.pictures.decimation import Mesh
 from pipeline.pictures.render import corner_normals
 from pipeline.records import paths
@@ -316,7 +317,8 @@ class Page:
         if self.view == MERGED_VIEW:
             return self._merged(lines, full, tints, joints, layers)
         objects = {name: library.prepared(name) for name in names}
-        return scenes.grasps_on_objects(full, objects, tints, self.arrangement, joints, layers)
+        hand = load_hand(library.parameters.hand)
+        return scenes.grasps_on_objects(full, objects, tints, self.arrangement, joints, layers, hand)
 
     def _postures(self, full: list[dict[str, Any]]) -> list[str]:
         found = {name for row in full for name in scenes.postures(row)}

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from pipeline.evaluate.playback import COLOURS as OBJECT_COLOURS
 from pipeline.evaluate.scene import SPONGE_SIZE, SPONGE_X, TABLE_SIZE, TABLE_X
-from pipeline.hand.allegro import TIP_RADIUS, load_hand
 from pipeline.hand.kinematics import link_poses, points_on_links
+from pipeline.hand.model import Hand, load_hand
 from pipeline.pictures.decimation import Mesh
 from pipeline.pictures.table_scene import SPONGE_COLOUR
 from pipeline.records.objects import PreparedObject
@@ -38,6 +38,7 @@ SAMPLE: Colour = (0.15, 0.35, 0.65)
 TABLE: Colour = (0.80, 0.78, 0.74)
 GLASS, FAINT = 0.4, 0.06  # opacity of what is seen through, and of very many objects at one place
 APART = 0.25  # how far convex parts are pulled apart, in parts of their distance from the middle
+TIP_SIZE = 0.008  # m, of a tip where hands are lines
 NORMAL_LENGTH = 0.05  # m, of a drawn contact normal: it shows behind a finger
 LIGHT = (-0.4, -0.6, 0.7)  # where it comes from, on points, which the browser does not shade
 LABEL_GAP = 0.01  # m in front of what a label is about
@@ -61,14 +62,16 @@ STANDARD = Layers()
 
 
 def posture(row: Mapping[str, Any], joints: str) -> NDArray[np.float64]:
-    """Return the joint angles (16,) called ``joints`` (a column), those of the grasp where a check was not reached."""
+    """Return the joint angles (J,) called ``joints`` (a column), those of the grasp where a check was not reached."""
     value = row.get(joints)
-    return np.asarray(row["q"] if value is None or len(value) != 16 else value, np.float64)
+    return np.asarray(row["q"] if value is None or len(value) != len(row["q"]) else value, np.float64)
 
 
 def postures(row: Mapping[str, Any]) -> list[str]:
     """Return which of ``JOINTS`` a row has."""
-    return [name for name, column in JOINTS.items() if row.get(column) is not None and len(row[column]) == 16]
+    return [
+        name for name, column in JOINTS.items() if row.get(column) is not None and len(row[column]) == len(row["q"])
+    ]
 
 
 def _places(count: int, arrangement: str) -> NDArray[np.float64]:
@@ -88,6 +91,7 @@ def grasps_on_objects(
     arrangement: str = ONE,
     joints: str = "q",
     layers: Layers = STANDARD,
+    hand: Hand | None = None,
 ) -> Drawing:
     """Draw rows of candidates or validated grasps.
 
@@ -95,7 +99,9 @@ def grasps_on_objects(
         objects: by name, all that the rows name.
         colours: (n, 3) of the hands; their own when None.
         layers: for a single row; of many, only ``see_through`` counts.
+        hand: that of the rows; the Allegro when left out.
     """
+    hand = hand or load_hand()
     places = _places(len(rows), arrangement)
     lifted = places + [[0, 0, -objects[row["object"]].bottom] for row in rows]
     T_world_object = translations(lifted)
@@ -105,9 +111,9 @@ def grasps_on_objects(
     opacity = GLASS if layers.see_through else 1.0
     T_world_hand = T_world_object @ T_object_hand
     if arrangement == ON_TOP:
-        drawing = _stick_hands(T_world_hand, q, [row["fingers"] for row in rows], colours)
+        drawing = _stick_hands(T_world_hand, q, [row["fingers"] for row in rows], colours, hand)
     else:
-        drawing = Drawing(hands(T_world_hand, q, colours, opacity))
+        drawing = Drawing(hands(T_world_hand, q, colours, opacity, hand))
     for name in dict.fromkeys(row["object"] for row in rows):
         own = [index for index, row in enumerate(rows) if row["object"] == name]
         own = own[:1] if arrangement == ON_TOP else own
@@ -116,7 +122,7 @@ def grasps_on_objects(
         else:
             drawing.solids.append(_object(objects[name], T_world_object[own], STEEL, opacity, single))
     if single:
-        _add_layers(drawing, rows[0], objects[rows[0]["object"]], T_world_object[0], q[0], layers)
+        _add_layers(drawing, rows[0], objects[rows[0]["object"]], T_world_object[0], q[0], layers, hand)
     if arrangement == SIDE_BY_SIDE:
         labels = _labels([row["grasp_id"] for row in rows], places, 0.0)
         drawing = replace(drawing, labels=labels, cells=lifted, spacing=CELL)
@@ -128,12 +134,13 @@ def _stick_hands(
     q: NDArray[np.float64],
     fingers: Sequence[str],
     colours: NDArray[np.float64] | None,
+    hand: Hand | None = None,
 ) -> Drawing:
     """Draw many hands at one place as lines, which hide less than bodies do."""
-    segments, of_segment, tips, of_tip = sticks(T_world_hand, q, fingers)
+    segments, of_segment, tips, of_tip = sticks(T_world_hand, q, fingers, hand)
     tints = np.tile(SAMPLE, (len(q), 1)) if colours is None else colours
     return Drawing(
-        clouds=[Cloud("tips", tips, tints[of_tip], 2 * TIP_RADIUS / 3)],
+        clouds=[Cloud("tips", tips, tints[of_tip], TIP_SIZE)],
         lines=[Lines("sticks", segments, tints[of_segment])],
     )
 
@@ -162,6 +169,7 @@ def _add_layers(
     T_world_object: NDArray[np.float64],
     q: NDArray[np.float64],
     layers: Layers,
+    hand: Hand,
 ) -> None:
     points, normals = _vectors(row["contact_points"]), _vectors(row["contact_normals"])
     if layers.contacts and len(points):
@@ -174,7 +182,7 @@ def _add_layers(
         drawing.clouds.append(Cloud("samples", there, _shaded(SAMPLE, prepared.surface_normals), 0.0012))
     if layers.hand_candidates:
         T_object_hand = pose_matrix(row["position_object_hand"], row["quaternion_object_hand"])
-        there = transform_points(T_world_object @ T_object_hand, contact_candidates(q))
+        there = transform_points(T_world_object @ T_object_hand, contact_candidates(q, hand))
         drawing.clouds.append(Cloud("candidates", there, np.tile(CANDIDATE, (len(there), 1)), 0.003))
 
 
@@ -189,9 +197,9 @@ def _vectors(column: Any) -> NDArray[np.float64]:
     return np.array([np.asarray(part, np.float64) for part in column]).reshape(-1, 3)
 
 
-def contact_candidates(q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return where the synthesis may let a hand at ``q`` (16,) touch: points (C, 3) in the hand frame."""
-    hand = load_hand()
+def contact_candidates(q: NDArray[np.float64], hand: Hand | None = None) -> NDArray[np.float64]:
+    """Return where the synthesis may let a hand at ``q`` (J,) touch: points (C, 3) in the hand frame."""
+    hand = hand or load_hand()
     return points_on_links(link_poses(hand, q[None]), hand.contact_link, hand.contact_points)[0]
 
 

@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import load_hand
 from pipeline.hand.kinematics import link_poses
+from pipeline.hand.model import Hand, load_hand
 from pipeline.hand.parts import part_links
 from pipeline.pictures.decimation import Mesh, decimated
 from pipeline.pictures.render import Body
@@ -22,8 +22,9 @@ ONE_OBJECT, MANY_OBJECT, COARSE_OBJECT = 20000, 2000, 300  # faces of an object,
 
 
 @lru_cache(maxsize=4)
-def _links(arm: bool, most_faces: int) -> tuple[tuple[Mesh, tuple[float, float, float]], ...]:
-    bodies: list[Body] = robot_bodies(np.zeros(23)) if arm else hand_bodies(np.eye(4), np.zeros(16))
+def _links(arm: bool, most_faces: int, hand: Hand) -> tuple[tuple[Mesh, tuple[float, float, float]], ...]:
+    neutral = np.zeros(hand.joint_count)
+    bodies: list[Body] = robot_bodies(np.zeros(23)) if arm else hand_bodies(np.eye(4), neutral, hand)
     return tuple((decimated((body.vertices, body.faces), most_faces), body.colour) for body in bodies)
 
 
@@ -32,20 +33,23 @@ def hands(
     q: NDArray[np.float64],
     colours: NDArray[np.float64] | None = None,
     opacity: float = 1.0,
+    hand: Hand | None = None,
 ) -> list[Solid]:
     """Return the links of hands.
 
     Args:
         T_world_hand: (n, 4, 4).
-        q: (n, 16), rad.
+        q: (n, J), rad.
         colours: (n, 3); the hand's own when absent. Fingertips keep theirs but for a tint.
+        hand: the Allegro when left out.
     """
+    hand = hand or load_hand()
     poses = np.array(
-        [[body.T_world for body in hand_bodies(T, angles)] for T, angles in zip(T_world_hand, q, strict=True)]
+        [[body.T_world for body in hand_bodies(T, angles, hand)] for T, angles in zip(T_world_hand, q, strict=True)]
     )
     faces = ONE_LINK if len(q) == 1 else MANY_LINK
     solids = []
-    for number, ((vertices, triangles), own) in enumerate(_links(False, faces)):
+    for number, ((vertices, triangles), own) in enumerate(_links(False, faces, hand)):
         tint = np.tile(own, (len(q), 1)) if colours is None else np.asarray(colours, np.float64)
         if colours is not None and own == TIP_COLOUR:
             tint = 0.5 * tint + 0.5 * np.asarray(own)
@@ -58,32 +62,33 @@ def robot(q: NDArray[np.float64]) -> list[Solid]:
     return [
         Solid(f"robot/{number:02d}", vertices, faces, body.T_world[None], np.array([colour]))
         for number, (body, ((vertices, faces), colour)) in enumerate(
-            zip(robot_bodies(q), _links(True, ONE_LINK), strict=True)
+            zip(robot_bodies(q), _links(True, ONE_LINK, load_hand()), strict=True)
         )
     ]
 
 
 def sticks(
-    T_world_hand: NDArray[np.float64], q: NDArray[np.float64], fingers: Sequence[str]
+    T_world_hand: NDArray[np.float64], q: NDArray[np.float64], fingers: Sequence[str], hand: Hand | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
     """Return hands as lines from the wrist through the joints to the tips, of the fingers that hold something.
 
     Args:
         T_world_hand: (n, 4, 4).
-        q: (n, 16), rad.
+        q: (n, J), rad.
         fingers: per hand, such as ``thumb+index``; the palm is the wrist.
+        hand: the Allegro when left out.
 
     Returns:
         Segments (m, 2, 3) and of which hand each is (m,); tips (k, 3) and of which hand each is (k,).
     """
-    hand = load_hand()
+    hand = hand or load_hand()
     joints = (T_world_hand[:, None] @ link_poses(hand, q))[..., :3, 3]
     segments, owners, tips, tip_owners = [], [], [], []
     for row, names in enumerate(fingers):
         for finger in names.split("+"):
             if finger == "palm":
                 continue
-            chain = joints[row, [hand.link(name) for name in ("base_link", *part_links([finger]))]]
+            chain = joints[row, [0, *(hand.link(name) for name in part_links([finger], hand))]]
             segments.append(np.stack([chain[:-1], chain[1:]], axis=1))
             owners += [row] * (len(chain) - 1)
             tips.append(chain[-1])

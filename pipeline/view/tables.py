@@ -13,10 +13,11 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from pipeline.hand.model import load_hand
 from pipeline.records import paths
 from pipeline.records.parameters import Parameters
 from pipeline.records.parameters.harder import overridden
-from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED
+from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED, of_hand
 
 OBJECTS, CANDIDATES_VIEW, VALIDATED_VIEW = "objects", "candidates", "validated grasps"
 MERGED_VIEW, TRIALS_VIEW, RECONSTRUCTIONS = "merged grasps", "robot trials", "reconstructions"
@@ -77,11 +78,12 @@ def _objects(parameters: Parameters) -> list[Table]:
 
 def _grasps(parameters: Parameters) -> list[Table]:
     styles = {"pinch": parameters.styles.pinch, "side": parameters.styles.side}
+    hand = load_hand(parameters.hand)
     return [
         Table(view, file_of(style, name), f"{stage}-{style}@{name}", schema, "grasp_id", style=style, first=name)
         for view, file_of, stage, schema in (
-            (CANDIDATES_VIEW, paths.candidates_file, "synthesize", CANDIDATES),
-            (VALIDATED_VIEW, paths.validated_file, "validate", VALIDATED),
+            (CANDIDATES_VIEW, paths.candidates_file, "synthesize", of_hand(CANDIDATES, hand.name, hand.joint_count)),
+            (VALIDATED_VIEW, paths.validated_file, "validate", of_hand(VALIDATED, hand.name, hand.joint_count)),
         )
         for style, names in styles.items()
         for name in names

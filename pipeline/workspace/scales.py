@@ -1,8 +1,8 @@
 """`params.yaml` composed from `conf/`: by DVC's own Hydra composition, and never over hand edits by accident.
 
-`conf/config.yaml` holds what all scales share, `conf/scale/<scale>.yaml` what differs, `conf/preset/<preset>.yaml`
-what replaces settings of synthesis, validation or the model. The composed file is committed,
-because DVC and the stages read it alone; it may be edited by hand at any time.
+`conf/config.yaml` holds what all scales share, `conf/scale/<scale>.yaml` what differs, `conf/hand/<hand>.yaml` which
+fingers of a hand hold what, `conf/preset/<preset>.yaml` what replaces settings of synthesis, validation or the model.
+The composed file is committed, because DVC and the stages read it alone; it may be edited by hand at any time.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ import yaml
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
-from pipeline.records.parameters import read_parameters
+from pipeline.records.parameters import read_parameters, require_allegro
+from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.writing import whole_file
 from pipeline.workspace.parameter_text import own_meshes, with_mesh, without_meshes
 
@@ -27,17 +28,17 @@ DEFAULT_PRESET = "ours"
 
 
 def choices(group: str) -> list[str]:
-    """Return the names of the files in ``conf/<group>``: the scales, or the presets."""
+    """Return the names of the files in ``conf/<group>``: the scales, the hands, or the presets."""
     return sorted(path.stem for path in (CONFIG_FOLDER / group).glob("*.yaml"))
 
 
-def compose(scale: str, target: Path, preset: str = DEFAULT_PRESET) -> None:
-    """Write the composed parameters to ``target``, byte for byte as `dvc exp run -S scale=... -S preset=...` does.
+def compose(scale: str, target: Path, preset: str = DEFAULT_PRESET, hand: str = ALLEGRO) -> None:
+    """Write the composed parameters to ``target``, byte for byte as `dvc exp run -S scale=... -S hand=...` does.
 
     Raises:
-        UserError: there is no such scale or preset, or the composed values are refused by the typed models.
+        UserError: there is no such scale, hand or preset, or the composed values are refused by the typed models.
     """
-    for group, name in (("scale", scale), ("preset", preset)):
+    for group, name in (("scale", scale), ("hand", hand), ("preset", preset)):
         if name not in choices(group):
             known = ", ".join(choices(group))
             raise UserError(f"there is no {group} {name!r} in {CONFIG_FOLDER}/{group}; use one of {known}.")
@@ -45,9 +46,8 @@ def compose(scale: str, target: Path, preset: str = DEFAULT_PRESET) -> None:
 
     with tempfile.TemporaryDirectory() as folder:
         composed = Path(folder) / "params.yaml"
-        compose_and_dump(
-            composed, str(CONFIG_FOLDER.resolve()), None, CONFIG_NAME, "", [f"scale={scale}", f"preset={preset}"]
-        )
+        chosen = [f"scale={scale}", f"hand={hand}", f"preset={preset}"]
+        compose_and_dump(composed, str(CONFIG_FOLDER.resolve()), None, CONFIG_NAME, "", chosen)
         read_parameters(composed)
         target.write_bytes(composed.read_bytes())
 
@@ -63,7 +63,7 @@ def flatten(content: Any, prefix: str = "") -> dict[str, Any]:
     }
 
 
-def differences(scale: str, preset: str = DEFAULT_PRESET, count_meshes: bool = True) -> list[str]:
+def differences(scale: str, preset: str = DEFAULT_PRESET, count_meshes: bool = True, hand: str = ALLEGRO) -> list[str]:
     """Return the dotted names of the values in which ``params.yaml`` differs from what ``conf/`` composes.
 
     Args:
@@ -72,7 +72,7 @@ def differences(scale: str, preset: str = DEFAULT_PRESET, count_meshes: bool = T
     present = yaml.safe_load(paths.PARAMETERS_FILE.read_text())
     with tempfile.TemporaryDirectory() as folder:
         composed = Path(folder) / "params.yaml"
-        compose(scale, composed, preset)
+        compose(scale, composed, preset, hand)
         here = flatten(present if count_meshes else without_meshes(present))
         there = flatten(yaml.safe_load(composed.read_text()))
     absent = object()
@@ -92,12 +92,13 @@ def _own_meshes_of_a_sound_file() -> dict[str, tuple[dict[str, Any], list[str]]]
     return own_meshes(yaml.safe_load(paths.PARAMETERS_FILE.read_text()))
 
 
-def _title(scale: str, preset: str) -> str:
-    return f"scale {scale}" + (f" with the {preset} preset" if preset != DEFAULT_PRESET else "")
+def _title(scale: str, preset: str, hand: str) -> str:
+    parts = [f"the hand {hand}"] * (hand != ALLEGRO) + [f"the {preset} preset"] * (preset != DEFAULT_PRESET)
+    return f"scale {scale}" + (f" with {' and '.join(parts)}" if parts else "")
 
 
-def switch(scale: str, force: bool, preset: str = DEFAULT_PRESET) -> str:
-    """Compose ``params.yaml`` for ``scale`` and ``preset`` and return what to tell the user.
+def switch(scale: str, force: bool, preset: str = DEFAULT_PRESET, hand: str = ALLEGRO) -> str:
+    """Compose ``params.yaml`` for ``scale``, ``hand`` and ``preset`` and return what to tell the user.
 
     The user's own objects (``meshes``) belong to no scale: they are kept, in the styles that list them, also with
     ``force``.
@@ -108,44 +109,50 @@ def switch(scale: str, force: bool, preset: str = DEFAULT_PRESET) -> str:
     own = _own_meshes_of_a_sound_file()
     if paths.PARAMETERS_FILE.exists() and not force:
         present = read_parameters()
-        edited = differences(present.scale, present.preset, count_meshes=False)
+        edited = differences(present.scale, present.preset, count_meshes=False, hand=present.hand)
         if edited:
             raise UserError(
-                f"params.yaml differs from the {_title(present.scale, present.preset)} of conf/ in {_named(edited)}; "
-                "add --force to overwrite it, or leave out --scale to use it as it is."
+                f"params.yaml differs from the {_title(present.scale, present.preset, present.hand)} of conf/ in "
+                f"{_named(edited)}; add --force to overwrite it, or leave out --scale to use it as it is."
             )
     with tempfile.TemporaryDirectory() as folder:
         composed = Path(folder) / "params.yaml"
-        compose(scale, composed, preset)
+        compose(scale, composed, preset, hand)
         text = composed.read_text()
     for name, (entry, styles) in own.items():
         text = with_mesh(text, name, entry, styles)
     with whole_file(paths.PARAMETERS_FILE) as temporary:
         temporary.write_text(text)
     kept = f"; kept from meshes: {', '.join(own)}" if own else ""
-    return f"{_title(scale, preset)}, composed from conf/ into params.yaml{kept}"
+    return f"{_title(scale, preset, hand)}, composed from conf/ into params.yaml{kept}"
 
 
 def describe() -> str:
     """Return one line: which scale ``params.yaml`` holds and where it was edited by hand."""
     present = read_parameters()
-    edited = differences(present.scale, present.preset)
-    return _title(present.scale, present.preset) + (f", edited in params.yaml: {_named(edited)}" if edited else "")
+    edited = differences(present.scale, present.preset, hand=present.hand)
+    return _title(present.scale, present.preset, present.hand) + (
+        f", edited in params.yaml: {_named(edited)}" if edited else ""
+    )
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Command line of this module."""
     parser = argparse.ArgumentParser(prog="python -m pipeline.workspace.scales", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
-    commands.add_parser("check", help="say which scale params.yaml holds and where it was edited")
+    checking = commands.add_parser("check", help="say which scale params.yaml holds and where it was edited")
+    checking.add_argument("--everything", action="store_true", help="refuse a hand that cannot go through all stages")
     composing = commands.add_parser("compose", help="write params.yaml from conf/")
     composing.add_argument("scale")
     composing.add_argument("--preset", default=DEFAULT_PRESET, help="a file of conf/preset (default: %(default)s)")
+    composing.add_argument("--hand", default=ALLEGRO, help="a file of conf/hand (default: %(default)s)")
     composing.add_argument("--force", action="store_true", help="overwrite hand edits")
     chosen = parser.parse_args(arguments)
     try:
         composing_now = chosen.command == "compose"
-        said = switch(chosen.scale, chosen.force, chosen.preset) if composing_now else describe()
+        if not composing_now and chosen.everything:
+            require_allegro(read_parameters())
+        said = switch(chosen.scale, chosen.force, chosen.preset, chosen.hand) if composing_now else describe()
         print(said, file=sys.stderr)
     except UserError as error:
         print(error, file=sys.stderr)

@@ -11,7 +11,8 @@ from pipeline.compute.fan_out import fan_out
 from pipeline.evaluate.grasps import accepted_grasps, grasp_orders
 from pipeline.evaluate.scene import build_scene, placed, placement_offsets
 from pipeline.evaluate.trial import run_trial, trial_inputs
-from pipeline.hand.moves import RING_JOINTS, finger_joints
+from pipeline.hand.allegro import RING_JOINTS
+from pipeline.hand.moves import finger_joints
 from pipeline.physics.bodies import Body
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters

@@ -6,9 +6,8 @@ import numpy as np
 import trimesh
 from scipy.optimize import brentq, least_squares
 
-from pipeline.hand.allegro import TIP_RADIUS, load_hand
+from pipeline.hand.allegro import RING_JOINTS, TIP_RADIUS, load_hand
 from pipeline.hand.kinematics import link_poses
-from pipeline.hand.moves import RING_JOINTS
 from pipeline.pairing.grasps import SingleGrasp
 from pipeline.records.objects import PreparedObject
 from pipeline.records.poses import inverse_pose

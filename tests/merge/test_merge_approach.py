@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.hand.allegro import FINGER_JOINTS, load_hand
+from pipeline.hand.allegro import FINGER_JOINTS, RING_JOINTS, load_hand
 from pipeline.hand.kinematics import link_poses, points_on_links
-from pipeline.hand.moves import RING_JOINTS
 from pipeline.hand.surface import hand_surface, mount_surface
 from pipeline.pairing.approach import first_opening, later_approach, motion_clearance
 from pipeline.pairing.grasps import join

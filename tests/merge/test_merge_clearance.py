@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.hand.allegro import TIP_RADIUS, load_hand
+from pipeline.hand.allegro import RING_JOINTS, TIP_RADIUS, load_hand
 from pipeline.hand.kinematics import link_poses
-from pipeline.hand.moves import RING_JOINTS
 from pipeline.hand.surface import T_LINK7_HAND
 from pipeline.pairing.clearance import (
     distance_to_links,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.hand.approach import EXTENDED_FINGER
+from pipeline.hand.allegro import EXTENDED_FINGER
 from pipeline.pairing.grasps import PAIR_GROUPS, distinct_grasps, fingers_fit, join
 from tests.merge.constructed import pinch, side
 

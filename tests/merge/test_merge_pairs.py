@@ -8,9 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.hand.allegro import load_hand
+from pipeline.hand.allegro import RING_LINKS, load_hand
 from pipeline.hand.kinematics import link_poses
-from pipeline.hand.parts import RING_LINKS
 from pipeline.merge.pairs import merge_pairs, ready_firsts, summary
 from pipeline.pairing.combination import Pair, try_combination
 from pipeline.pairing.grasps import distinct_grasps

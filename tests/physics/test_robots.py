@@ -5,10 +5,12 @@ import pytest
 
 from pipeline.hand.allegro import load_hand
 from pipeline.hand.kinematics import link_poses
+from pipeline.hand.model import load_hand as load_described_hand
 from pipeline.hand.robot import ROBOT_JOINT_NAMES
 from pipeline.hand.surface import T_LINK7_HAND
-from pipeline.physics.robots import NEVER_MEETING, add_robot
+from pipeline.physics.robots import add_robot
 from pipeline.physics.world import make_world
+from pipeline.records.parameters.hand import known_hands
 from pipeline.records.parameters.physics import PhysicsParameters
 
 SETTINGS = PhysicsParameters()
@@ -24,17 +26,19 @@ def random_pose(rng: np.random.Generator) -> np.ndarray:
     return T
 
 
-def test_hand_forward_kinematics_agree_with_the_hand_model() -> None:
-    hand = load_hand()
+@pytest.mark.parametrize("name", known_hands())
+def test_hand_forward_kinematics_agree_with_the_hand_model(name: str) -> None:
+    hand = load_described_hand(name)
     rng = np.random.default_rng(3)
     for _ in range(3):
         q = rng.uniform(hand.lower, hand.upper)
         T_world_hand = random_pose(rng)
-        robot = add_robot(make_world(SETTINGS), SETTINGS, False, T_world_hand, q)
+        robot = add_robot(make_world(SETTINGS), SETTINGS, False, T_world_hand, q, hand)
+        assert robot.joint_names == hand.joint_names
         np.testing.assert_allclose(robot.q, q, atol=1e-6)
         expected = T_world_hand @ link_poses(hand, q[None])[0]
-        for index, name in enumerate(hand.link_names):
-            np.testing.assert_allclose(robot.link_pose(name), expected[index], atol=1e-6)
+        for index, link in enumerate(hand.link_names):
+            np.testing.assert_allclose(robot.link_pose(link), expected[index], atol=1e-6)
 
 
 def test_arm_and_hand_follow_the_mount_and_the_joint_names() -> None:
@@ -130,7 +134,7 @@ def test_ignored_pairs_never_meet() -> None:
             joint = model.parents[joint]
         return found
 
-    pairs = {tuple(sorted(pair)) for group in NEVER_MEETING for pair in combinations(group, 2)}
+    pairs = {tuple(sorted(pair)) for group in load_hand().never_meeting for pair in combinations(group, 2)}
     for first, second in sorted(pairs):
         if first not in shapes or second not in shapes:
             continue  # rigid with the palm; the arm is not part of this model

@@ -3,9 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import load_hand
-from pipeline.hand.approach import EXTENDED_FINGER
-from pipeline.hand.moves import RING_JOINTS
+from pipeline.hand.allegro import EXTENDED_FINGER, RING_JOINTS, load_hand
 from pipeline.pairing.clearance import hand_object_clearance, holding_links, posed_hand
 from pipeline.physics.settling import settle_grasp
 from pipeline.records.parameters.physics import PhysicsParameters

@@ -87,7 +87,8 @@ def declared_stages(root: Path) -> list[Stage]:
                 items.append((f"{name}@{key}", {"key": key, "item": key, **fields}))
         else:
             items = [(name, {})]
-        for full_name, variables in items:
+        for full_name, own in items:
+            variables = {"hand": parameters["hand"], **own}
             commands = body["cmd"] if isinstance(body["cmd"], list) else [body["cmd"]]
             found.append(
                 Stage(

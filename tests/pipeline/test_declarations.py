@@ -40,6 +40,12 @@ def test_code_dependencies_are_the_true_imports(stage):
 
 
 @each_stage
+def test_who_uses_the_hand_depends_on_the_description_of_the_chosen_one(stage):
+    described = [entry for entry in stage.dependencies if entry.startswith("hands")]
+    assert described == (["hands/allegro"] if "pipeline/hand" in stage.dependencies else [])
+
+
+@each_stage
 def test_parameters_are_the_stage_s_own_sections(stage):
     assert sorted(stage.parameters) == sorted(stage.sections())
 
@@ -103,7 +109,7 @@ def test_heavy_packages_are_imported_inside_functions(room):
 def test_inputs_are_outputs_of_other_stages(stage):
     outputs = {entry for other in STAGES for entry in other.outputs}
     for entry in stage.dependencies:
-        if entry.startswith("pipeline/") or entry == "data/raw" or entry in PUBLISHED:
+        if entry.startswith(("pipeline/", "hands/")) or entry == "data/raw" or entry in PUBLISHED:
             assert (ROOT / entry).exists()
         else:
             made = [out for out in outputs if out == entry or out.startswith(entry + "/")]

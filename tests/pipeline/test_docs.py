@@ -38,6 +38,7 @@ PAGES = (
     "docs/replay.md",
     "docs/view.md",
     "docs/scaling.md",
+    "docs/another-hand.md",
     "docs/sharing.md",
     "docs/results.md",
     "results/paper/dataset.md",

@@ -12,8 +12,7 @@ import pytorch_kinematics
 import torch
 
 from pipeline.energy.keep_out import keep_out_points
-from pipeline.hand.allegro import FINGER_LINKS, JOINT_NAMES, load_hand
-from pipeline.hand.assets import allegro_description
+from pipeline.hand.model import Hand, load_hand
 from pipeline.hand.surface import hand_surface, mount_surface
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
@@ -29,7 +28,7 @@ def tensor(values) -> torch.Tensor:
 class OracleResult:
     terms: torch.Tensor  # (7,)
     energy: float
-    gradient: np.ndarray  # (22,)
+    gradient: np.ndarray  # (6 + J,)
     kink_distance: float  # m, how far the nearest kink of the energy is
 
 
@@ -39,12 +38,14 @@ def skew(w: torch.Tensor) -> torch.Tensor:
 
 
 class EnergyOracle:
-    def __init__(self, prepared: PreparedObject, energy: EnergyParameters, style: StyleParameters) -> None:
+    def __init__(
+        self, prepared: PreparedObject, energy: EnergyParameters, style: StyleParameters, hand: Hand | None = None
+    ) -> None:
         self.prepared, self.energy, self.style = prepared, energy, style
-        self.hand = load_hand()
-        self.chain = pytorch_kinematics.build_chain_from_urdf(allegro_description().read_bytes()).to(dtype=DTYPE)
+        self.hand = hand or load_hand()
+        self.chain = pytorch_kinematics.build_chain_from_urdf(self.hand.urdf.read_bytes()).to(dtype=DTYPE)
         order = self.chain.get_joint_parameter_names()
-        self.columns = [JOINT_NAMES.index(name) for name in order]
+        self.columns = [self.hand.joint_names.index(name) for name in order]
         self.kinks: list[float] = []
         torch.set_num_threads(1)
 
@@ -105,10 +106,10 @@ class EnergyOracle:
         return depths.max(-1).values.clamp(min=0).sum()
 
     def __call__(self, position, rotation, q, contacts) -> OracleResult:
-        """One grasp: (3,), (3, 3), (16,), (n,)."""
+        """One grasp: (3,), (3, 3), (J,), (n,)."""
         self.kinks = []
         hand, energy, prepared = self.hand, self.energy, self.prepared
-        dof = torch.zeros(22, dtype=DTYPE, requires_grad=True)
+        dof = torch.zeros(6 + hand.joint_count, dtype=DTYPE, requires_grad=True)
         joints = tensor(q) + dof[6:]
         base = tensor(rotation) @ (torch.eye(3, dtype=DTYPE) + skew(dof[3:6]))  # first order of exp is enough at 0
         origin = tensor(position) + dof[:3]
@@ -120,9 +121,9 @@ class EnergyOracle:
         value, gradient = self.distance(points)
         self.kinks.append(float(value.detach().abs().min()))
         normals = gradient / gradient.norm(dim=-1, keepdim=True)
-        opposing = np.array([hand.contact_finger[c] in ("thumb", "palm") for c in contacts])
+        opposing = np.array([hand.contact_finger[c] in hand.opposing for c in contacts])
         shares = np.ones(len(contacts))
-        if energy.balance_forces:
+        if energy.balance_forces and 0 < opposing.sum() < len(contacts):
             shares[opposing] = 0.5 * len(contacts) / opposing.sum()
             shares[~opposing] = 0.5 * len(contacts) / (~opposing).sum()
         forces = normals * tensor(shares)[:, None]
@@ -136,7 +137,7 @@ class EnergyOracle:
         surface = tensor(prepared.surface_points[: energy.object_points])
         penetration = self.deepest(self.depths(surface, R, t))
 
-        link, local = hand_surface(energy.hand_points)
+        link, local = hand_surface(energy.hand_points, hand)
         world = torch.einsum("nij,nj->ni", R[link], tensor(local)) + t[link]
         below = prepared.bottom + self.style.table_clearance - world[:, 2]
         table = below.clamp(min=0).sum()
@@ -152,9 +153,10 @@ class EnergyOracle:
         for child, parent in enumerate(hand.parent):
             touching |= np.logical_and.outer(link == child, part_link == parent)
             touching |= np.logical_and.outer(link == parent, part_link == child)
-        palm, thumb = hand.link("base_link"), hand.link("link_13.0")
-        touching |= np.logical_and.outer(link == palm, part_link == thumb)
-        touching |= np.logical_and.outer(link == thumb, part_link == palm)
+        for pair in hand.may_overlap:
+            one, other = (hand.link(name) for name in pair)
+            touching |= np.logical_and.outer(link == one, part_link == other)
+            touching |= np.logical_and.outer(link == other, part_link == one)
         depths = torch.where(torch.as_tensor(touching), torch.full((), -1.0, dtype=DTYPE), self.depths(world, R, t))
         collision = self.deepest(depths)
 
@@ -165,7 +167,7 @@ class EnergyOracle:
             free = tensor(keep_out_points(tuple(sorted(fingers)))) @ base.T + origin
             overlap = self.style.keep_out_margin - self.distance(free)[0]
             self.kinks.append(float(overlap.detach().abs().min()))
-            own = [name for finger in fingers - {"palm"} for name in FINGER_LINKS[finger]]
+            own = [name for finger in fingers - {"palm"} for name in hand.finger_links[finger]]
             foreign = torch.as_tensor(~np.isin(part_link, [hand.link(name) for name in own]))
             depths = torch.where(foreign, torch.full((), -1.0, dtype=DTYPE), self.depths(free, R, t))
             keep_out = overlap.clamp(min=0).sum() + self.deepest(depths)

@@ -48,7 +48,7 @@ def test_two_states_are_visited_as_boltzmann_says():
         step=1e-9, noise=0.0, switch_probability=1.0, temperature=gap, temperature_decay=1.0, polish_iterations=0
     )
     current, best = scene.states(first), scene.states(first)
-    launch_chains(scene, optimizer, 40, current, best, only, free_joints("pinch", PINCH), np.arange(chains))
+    launch_chains(scene, optimizer, 40, current, best, only, free_joints(HAND, "pinch", PINCH), np.arange(chains))
     share = (read_grasps(current).contacts[:, 0] == a).mean()
     weight = np.exp(-(energy - energy.min()) / gap)
     expected = weight[0] / weight.sum()
@@ -61,7 +61,7 @@ def test_two_states_are_visited_as_boltzmann_says():
 def test_a_chain_depends_on_its_seed_and_start_only(style):
     scene, slots, first = problem(style, 6)
     free, seeds, optimizer = (
-        free_joints(style, STYLES[style][1]),
+        free_joints(HAND, style, STYLES[style][1]),
         np.arange(6) + 11,
         OptimizerParameters(polish_iterations=20),
     )
@@ -79,7 +79,7 @@ def test_a_chain_depends_on_its_seed_and_start_only(style):
 def test_the_best_state_is_kept_with_its_energy(style):
     scene, slots, first = problem(style, 12)
     start = scene.evaluate(first)[0].energy
-    free, seeds = free_joints(style, STYLES[style][1]), np.arange(12)
+    free, seeds = free_joints(HAND, style, STYLES[style][1]), np.arange(12)
     plain, terms = run_chains(scene, OptimizerParameters(polish_iterations=0), 300, first, slots, free, seeds)
     np.testing.assert_allclose(terms.energy, scene.evaluate(plain)[0].energy, rtol=1e-5)
     assert (terms.energy <= start).all() and np.median(terms.energy) < 0.5 * np.median(start)
@@ -98,7 +98,7 @@ def test_the_best_state_is_kept_with_its_energy(style):
 def test_of_several_starts_the_lowest_in_energy_is_kept(style, keep_best):
     """As if every start had been a chain of its own, with the same first state and seed."""
     scene, slots, first = problem(style, 12)
-    free, seeds = free_joints(style, STYLES[style][1]), np.arange(12) + 5
+    free, seeds = free_joints(HAND, style, STYLES[style][1]), np.arange(12) + 5
     plain = OptimizerParameters(polish_iterations=0, keep_best=keep_best)
     alone, terms = run_chains(scene, plain, 150, first, slots, free, seeds)
     lowest = [min(range(chain, chain + 3), key=lambda start: terms.energy[start]) for chain in (0, 3, 6, 9)]
@@ -120,7 +120,7 @@ def test_of_several_starts_the_lowest_in_energy_is_kept(style, keep_best):
 def one_step(optimizer: OptimizerParameters, count: int):
     """States before and after the first proposal of a batch that accepts everything."""
     scene, slots, first = problem("pinch", count)
-    free, seeds = free_joints("pinch", PINCH), np.arange(count)
+    free, seeds = free_joints(HAND, "pinch", PINCH), np.arange(count)
     return scene, first, run_chains(scene, optimizer, 1, first, slots, free, seeds)[0]
 
 
@@ -136,7 +136,7 @@ def test_a_shared_preconditioner_divides_by_the_root_mean_square_of_the_batch():
     slope = scene.evaluate(first)[1]
     step = 0.002 * slope / np.sqrt(0.98 * (slope**2).mean(0) + 1e-6)
     np.testing.assert_allclose(moved.position, first.position - step[:, :3], atol=2e-6)
-    free = free_joints("pinch", PINCH)
+    free = free_joints(HAND, "pinch", PINCH)
     np.testing.assert_allclose(moved.q[:, free], (first.q - step[:, 6:])[:, free], atol=2e-6)
     # Alone, the same chain goes by its own slope: sign(g) times the step.
     _, _, alone = one_step(PLAIN, 5)
@@ -147,7 +147,7 @@ def test_a_shared_preconditioner_divides_by_the_root_mean_square_of_the_batch():
 def test_the_second_step_remembers_two_percent_of_the_first_mean():
     optimizer = PLAIN.model_copy(update={"shared_preconditioner": True, "momentum": 0.02, "step_period": 10**9})
     scene, slots, first = problem("pinch", 3)
-    free, seeds = free_joints("pinch", PINCH), np.arange(3)
+    free, seeds = free_joints(HAND, "pinch", PINCH), np.arange(3)
     once = run_chains(scene, optimizer, 1, first, slots, free, seeds)[0]
     twice = run_chains(scene, optimizer, 2, first, slots, free, seeds)[0]
     before, after = (scene.evaluate(states)[1] for states in (first, once))
@@ -164,7 +164,7 @@ def test_the_table_slip_adds_the_sum_of_the_batch_and_multiplies_its_slope():
     assert (terms.table > 0).sum() >= 2
     optimizer = PLAIN.model_copy(update={"batch_table_term": True, "step": 1e-9})
     current, best = scene.states(first), scene.states(first)
-    launch_chains(scene, optimizer, 0, current, best, slots, free_joints("pinch", PINCH), np.arange(4))
+    launch_chains(scene, optimizer, 0, current, best, slots, free_joints(HAND, "pinch", PINCH), np.arange(4))
     expected = terms.energy + 100 * (terms.table.sum() - terms.table)
     np.testing.assert_allclose(current.energy.numpy(), expected, rtol=1e-5)
     # Deep under the table nothing touches the object, so that all of this slope is the table's.
@@ -186,7 +186,7 @@ def test_contacts_may_be_drawn_twice_only_where_that_is_allowed():
     settings = {"switch_probability": 1.0, "temperature": 1e30, "step": 1e-9}
     for allowed, repeated_share in ((True, 21 / 27), (False, 0.0)):
         optimizer = PLAIN.model_copy(update=settings | {"duplicate_contacts": allowed})
-        free = free_joints("side", SIDE)
+        free = free_joints(HAND, "side", SIDE)
         last, _ = run_chains(scene, optimizer, 30, first, [slot] * 3, free, np.arange(2000))
         repeated = np.array([len(set(row)) < 3 for row in last.contacts.tolist()])
         assert repeated.mean() == pytest.approx(repeated_share, abs=4 * np.sqrt(0.25 / 2000))
@@ -197,7 +197,7 @@ def test_contacts_may_be_drawn_twice_only_where_that_is_allowed():
 
 def test_the_last_state_is_kept_where_the_best_is_not_asked_for():
     scene, slots, first = problem("pinch", 12)
-    free, seeds = free_joints("pinch", PINCH), np.arange(12)
+    free, seeds = free_joints(HAND, "pinch", PINCH), np.arange(12)
     hot = OptimizerParameters(temperature_decay=1.0, polish_iterations=0, keep_best=False)
     last, terms = run_chains(scene, hot, 100, first, slots, free, seeds)
     current, best = scene.states(first), scene.states(first)
@@ -213,7 +213,7 @@ def test_a_batch_repeats_itself_to_the_byte(style):
         step=0.005, switch_probability=0.5, noise=0.0, momentum=0.02, shared_preconditioner=True,
         duplicate_contacts=True, keep_best=False, polish_iterations=0,
     )  # fmt: skip
-    free, seeds = free_joints(style, STYLES[style][1]), np.arange(6)
+    free, seeds = free_joints(HAND, style, STYLES[style][1]), np.arange(6)
     once, _ = run_chains(scene, official, 80, first, slots, free, seeds)
     again, _ = run_chains(scene, official, 80, first, slots, free, seeds)
     assert same(once, again)

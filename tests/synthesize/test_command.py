@@ -16,10 +16,10 @@ from pipeline.records.objects import write_prepared_object
 from pipeline.records.parameters.synthesize import StyleParameters
 from pipeline.records.tables import CANDIDATES, read_table
 from pipeline.synthesize import __main__ as stage
-from pipeline.synthesize.seeds import SIDE_POSTURE
 from tests.synthesize import shapes
 
 HAND = load_hand()
+SIDE_POSTURE = np.array(HAND.style("side").posture)
 CHAINS = 40
 
 

@@ -16,8 +16,6 @@ from pipeline.hand.surface import hand_surface
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
 from pipeline.synthesize.scoring import ExactSurface
 from pipeline.synthesize.seeds import (
-    RELEASED_POSTURE,
-    SIDE_POSTURE,
     draw_seed,
     draw_seeds,
     free_joints,
@@ -29,6 +27,7 @@ from tests.synthesize import shapes
 from tests.synthesize.test_energy import PINCH, SIDE
 
 HAND = load_hand()
+SIDE_POSTURE = np.array(HAND.style("side").posture)
 SLOTS = {
     "pinch": contact_slots(HAND, ("thumb", "index"), 2),
     "side": contact_slots(HAND, ("ring", "palm"), 3),
@@ -94,8 +93,8 @@ def test_side_hands_begin_with_the_other_fingers_in_a_pinch():
     assert np.abs(grasps.q[:, held] - SIDE_POSTURE[held]).max() < 0.5
     np.testing.assert_allclose(grasps.q[:, held].mean(0), SIDE_POSTURE[held], atol=0.1)
     assert (grasps.q >= HAND.lower).all() and (grasps.q <= HAND.upper).all()
-    np.testing.assert_array_equal(np.flatnonzero(free_joints("side", SIDE)), finger_joints(("ring",)))
-    np.testing.assert_array_equal(np.flatnonzero(~free_joints("pinch", PINCH)), finger_joints(("ring",)))
+    np.testing.assert_array_equal(np.flatnonzero(free_joints(HAND, "side", SIDE)), finger_joints(("ring",)))
+    np.testing.assert_array_equal(np.flatnonzero(~free_joints(HAND, "pinch", PINCH)), finger_joints(("ring",)))
 
 
 def test_contacts_are_distinct_and_of_their_slot():
@@ -110,9 +109,9 @@ def test_contacts_are_distinct_and_of_their_slot():
 def test_released_seeds_are_the_first_draw_with_all_joints_free(style):
     released = SETTINGS[style].model_copy(update={"released_seeds": True})
     grasps = seeds_of(style, 300, released)
-    assert free_joints(style, released).all()
+    assert free_joints(HAND, style, released).all()
     # Means of the truncated normal distributions stay near the posture, but where it lies at a limit.
-    posture, width = RELEASED_POSTURE[style], HAND.upper - HAND.lower
+    posture, width = np.array(HAND.style(style).released_posture), HAND.upper - HAND.lower
     inner = (posture > HAND.lower + 0.3 * width) & (posture < HAND.upper - 0.3 * width)
     assert inner.sum() >= 4
     np.testing.assert_allclose(grasps.q.mean(0)[inner], posture[inner], atol=0.03 * width.max())

@@ -116,7 +116,7 @@ def test_hand_below_the_table_is_rejected_by_the_approach() -> None:
 def test_an_object_that_slides_out_of_a_gentle_squeeze_is_rejected(monkeypatch, slide: float) -> None:  # type: ignore[no-untyped-def]
     prepared, candidate = block_grasp()
 
-    def slid(prepared, T_hand_object, q, squeeze_q, settings):  # type: ignore[no-untyped-def]
+    def slid(prepared, T_hand_object, q, squeeze_q, settings, waiting, hand):  # type: ignore[no-untyped-def]
         T = T_hand_object.copy()
         T[0, 3] += slide
         return q, T
@@ -137,7 +137,7 @@ def test_contact_only_rule() -> None:
 
 
 def test_assigned_links_of_a_side_grasp() -> None:
-    links = assigned_links(("ring", "palm"))
+    links = assigned_links(HAND, ("ring", "palm"))
     assert "base_link" in links and "link_11.0_tip" in links and "link_3.0_tip" not in links
 
 

@@ -10,7 +10,7 @@ a parameter that DVC does not know of::
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,6 +22,7 @@ from pipeline.records.errors import UserError
 from pipeline.records.parameters.capture import CaptureParameters, ReconstructedParameters, RenderingParameters
 from pipeline.records.parameters.compute import ComputeParameters
 from pipeline.records.parameters.evaluate import EvaluateParameters
+from pipeline.records.parameters.hand import ALLEGRO, description_file, read_description
 from pipeline.records.parameters.harder import HarderParameters, overridden
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.objects import MeshParameters, ObjectParameters, StylesParameters
@@ -30,13 +31,15 @@ from pipeline.records.parameters.prepare import PrepareParameters
 from pipeline.records.parameters.reconstruct import ReconstructParameters
 from pipeline.records.parameters.report import ReportParameters, TrackParameters
 from pipeline.records.parameters.section import Section
-from pipeline.records.parameters.synthesize import SynthesizeParameters
+from pipeline.records.parameters.synthesize import StyleParameters, SynthesizeParameters
 from pipeline.records.parameters.train import TrainParameters
 from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.records.texts import parse_yaml
 
 # What the members of a section are, where they are no objects.
 _KINDS = {"harder": "setting"}
+# Whoever reads one of these works on two objects, with the arm or with the learned model.
+_OF_THE_ALLEGRO = ("merge", "train", "evaluate", "harder", "report")
 OBJECT_NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
@@ -46,6 +49,11 @@ class Parameters(Section):
     scale: Literal["demo", "paper", "tiny"] = Field(description="Which scale of conf/scale was composed.")
     preset: Literal["ours", "official", "published_model"] = Field(
         description="Which file of conf/preset was composed."
+    )
+    hand: str = Field(
+        ALLEGRO,
+        description="Which hand of the folder hands/ grasps; all that is about two objects needs the Allegro. Paper: "
+        "the Allegro.",
     )
     seed: int = Field(ge=0, description="Run seed; every item derives its own generator from it.")
     styles: StylesParameters
@@ -91,6 +99,37 @@ class Parameters(Section):
         return self
 
     @model_validator(mode="after")
+    def _hand_agrees(self) -> Parameters:
+        try:
+            hand = read_description(description_file(self.hand))
+        except UserError as error:
+            raise ValueError(f"hand: {str(error).removesuffix('.')}") from error
+        for name in ("pinch", "side"):
+            style: StyleParameters = getattr(self.synthesize, name)
+            where = f"synthesize.{name}"
+            if getattr(self.styles, name) and not style.finger_sets:
+                raise ValueError(
+                    f"styles.{name} names objects, but {where}.finger_sets is empty; fill it, or name none"
+                )
+            if style.finger_sets and name not in hand.styles:
+                raise ValueError(f"{where}: the hand {self.hand} has no such style; its finger_sets must be []")
+            if not style.finger_sets:
+                continue
+            for finger in (finger for fingers in style.finger_sets for finger in fingers):
+                if finger not in hand.fingers:
+                    raise ValueError(
+                        f"{where}.finger_sets names {finger!r}, which is no finger of the hand {self.hand}; it has "
+                        f"{', '.join(hand.fingers)}"
+                    )
+            if self.hand != ALLEGRO and style.keep_out_margin is not None:
+                raise ValueError(
+                    f"{where}.keep_out_margin leaves room for a second object of the Allegro; set it to null"
+                )
+            if hand.mount is None and style.mount_clearance is not None:
+                raise ValueError(f"{where}.mount_clearance: the hand {self.hand} is on no mount; set it to null")
+        return self
+
+    @model_validator(mode="after")
     def _captures_agree(self) -> Parameters:
         for name in [*self.renderings, *self.captures]:
             if not OBJECT_NAME.fullmatch(name):
@@ -111,6 +150,8 @@ class Parameters(Section):
 
     @model_validator(mode="after")
     def _harder_settings_agree(self) -> Parameters:
+        if self.hand != ALLEGRO:  # then nothing reads them, and a composed file keeps those of its scale
+            return self
         for first, second in self.harder.pairs:
             if first not in self.styles.pinch or second not in self.styles.side:
                 raise ValueError(f"harder.pairs: {first} then {second} is no pair of styles.pinch and styles.side")
@@ -171,17 +212,34 @@ def read_parameters(source: Path = paths.PARAMETERS_FILE) -> Parameters:
         raise UserError(_one_sentence(error, source)) from error
 
 
-def load_parameters(sections: Iterable[str], source: Path = paths.PARAMETERS_FILE) -> dict[str, Any]:
+def load_parameters(sections: Collection[str], source: Path = paths.PARAMETERS_FILE) -> dict[str, Any]:
     """Check all parameters and return only the named sections.
 
     Args:
         sections: dotted names as in ``params:`` of ``dvc.yaml``, such as ``synthesize.pinch``.
 
     Raises:
-        UserError: see :func:`read_parameters`, or a section (an object, say) does not exist.
+        UserError: see :func:`read_parameters`, or a section (an object, say) does not exist, or it is about two objects
+            and the hand is not the Allegro.
     """
     parameters = read_parameters(source)
+    if any(name.split(".")[0] in _OF_THE_ALLEGRO for name in sections):
+        require_allegro(parameters, source)
     return {name: _section(parameters, name, source) for name in sections}
+
+
+def require_allegro(parameters: Parameters, source: Path = paths.PARAMETERS_FILE) -> None:
+    """Check that the hand is the Allegro, the only one that picks two objects.
+
+    Raises:
+        UserError: it is another.
+    """
+    if parameters.hand != ALLEGRO:
+        raise UserError(
+            f"{source}: hand is {parameters.hand}, and everything after the validation (two objects, the arm, the "
+            f"learned model, the report) works with the {ALLEGRO} alone; `./dev repro validate-pinch` makes single "
+            f"grasps of this hand, `./dev compose demo` leads back to the {ALLEGRO}."
+        )
 
 
 def _section(parameters: Parameters, name: str, source: Path) -> Any:

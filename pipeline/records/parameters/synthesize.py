@@ -94,9 +94,9 @@ class OptimizerParameters(Section):
 class StyleParameters(Section):
     """What one style of grasp is."""
 
-    finger_sets: list[list[Finger]] = Field(
-        min_length=1,
-        description="Contact sets, chains shared evenly. Paper: any combination of thumb, index, middle; ring + palm.",
+    finger_sets: list[list[str]] = Field(
+        description="Contact sets of the hand's fingers, chains shared evenly; none: the hand does "
+        "not grasp in this style. Paper: any combination of thumb, index, middle; ring + palm.",
     )
     contacts: dict[str, int] = Field(description="Number of contacts per finger set, keyed thumb+index and so on.")
     links: dict[str, list[str]] = Field(
