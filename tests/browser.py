@@ -22,6 +22,7 @@ from websockets.sync.connection import Connection
 
 PATIENCE = 120.0  # seconds that a page may take to be ready, on a machine that does other things as well
 QUIET = 0.7  # seconds without a request after which a page has come to rest
+FORGOTTEN = 5.0  # seconds after which an open request is not waited for: the end of a worker's script is never told
 FLAGS = (
     "--headless=new",
     "--no-sandbox",  # Chromium refuses to run as root with one
@@ -63,7 +64,7 @@ class Page:
 
 
 @dataclass
-class _Tab:
+class Tab:
     """A connection to one tab, and what it has told so far."""
 
     connection: Connection
@@ -71,7 +72,7 @@ class _Tab:
     failed_requests: list[str] = field(default_factory=list)
     loaded: bool = False
     _urls: dict[str, str] = field(default_factory=dict)
-    _open: set[str] = field(default_factory=set)
+    _open: dict[str, float] = field(default_factory=dict)
     _count: int = 0
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
@@ -95,14 +96,57 @@ class _Tab:
 
     def listen(self, seconds: float) -> bool:
         """Take events for so long; return whether the network was at rest."""
-        end, quiet = time.monotonic() + seconds, not self._open
+        end, quiet = time.monotonic() + seconds, self._rests()
         while (left := end - time.monotonic()) > 0:
             try:
                 self._take(json.loads(self.connection.recv(timeout=left)))
             except TimeoutError:
                 break
-            quiet = quiet and not self._open
-        return quiet and not self._open
+            quiet = quiet and self._rests()
+        return quiet and self._rests()
+
+    def go_to(self, url: str, ready: str = "true") -> None:
+        """Open a page and wait until it has come to rest and ``ready`` is true; see :func:`open_page`."""
+        self.loaded = False
+        self.call("Page.navigate", url=url)
+        self.rest(ready)
+
+    def rest(self, ready: str = "true") -> None:
+        """Wait until the page does nothing and the JavaScript expression is true.
+
+        Raises:
+            TimeoutError: it did not become true.
+        """
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
+            if self.listen(QUIET) and self.loaded and self.evaluate(f"Boolean({ready})"):
+                return
+        shown = " ".join(str(self.evaluate("document.body.innerText")).split())[:500]
+        raise TimeoutError(f"the page did not come to rest with {ready} in {PATIENCE:.0f} s; it shows: {shown}")
+
+    def wait(self, condition: str) -> None:
+        """Return as soon as the JavaScript expression is true.
+
+        Raises:
+            TimeoutError: it did not become true.
+        """
+        end = time.monotonic() + PATIENCE
+        while not self.evaluate(f"Boolean({condition})"):
+            if time.monotonic() > end:
+                raise TimeoutError(f"after {PATIENCE:.0f} s still not true: {condition}")
+            time.sleep(0.02)
+
+    def take_picture(self, target: Path) -> None:
+        """Write what the window shows as PNG."""
+        target.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"]))
+
+    def processor_seconds(self) -> float:
+        """Return the processor time of the page's main thread so far."""
+        metrics = {entry["name"]: entry["value"] for entry in self.call("Performance.getMetrics")["metrics"]}
+        return float(metrics["TaskDuration"])
+
+    def _rests(self) -> bool:
+        return all(time.monotonic() - begin > FORGOTTEN for begin in self._open.values())
 
     def _take(self, message: dict[str, Any]) -> None:
         content = message.get("params", {})
@@ -120,22 +164,21 @@ class _Tab:
                 self.console_errors.append(" ".join([entry["text"], entry.get("url", "")]).strip())
             case "Network.requestWillBeSent":
                 self._urls[content["requestId"]] = content["request"]["url"]
-                if not content["request"]["url"].startswith("blob:"):  # the end of a worker's script is not told
-                    self._open.add(content["requestId"])
+                self._open[content["requestId"]] = time.monotonic()
             case "Network.responseReceived":
                 if content["response"]["status"] >= 400:
                     self.failed_requests.append(f"{content['response']['status']} {content['response']['url']}")
             case "Network.loadingFinished":
-                self._open.discard(content["requestId"])
+                self._open.pop(content["requestId"], None)
             case "Network.loadingFailed":
-                self._open.discard(content["requestId"])
+                self._open.pop(content["requestId"], None)
                 if not content.get("canceled"):
                     url = self._urls.get(content["requestId"], "")
                     self.failed_requests.append(f"{content['errorText']} {url}")
 
 
 @contextmanager
-def _tab(offline: bool) -> Iterator[_Tab]:
+def open_tab(width: int, height: int, offline: bool = True) -> Iterator[Tab]:
     program = find_chromium()
     assert program, "no Chromium; mark the test with needs_chromium"
     with tempfile.TemporaryDirectory(prefix="chromium-", ignore_cleanup_errors=True) as profile:
@@ -143,7 +186,13 @@ def _tab(offline: bool) -> Iterator[_Tab]:
         process = subprocess.Popen([*command, "about:blank"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
             with connect(_address(process, Path(profile)), max_size=None, proxy=None) as connection:
-                yield _Tab(connection)
+                tab = Tab(connection)
+                for domain in ("Page", "Runtime", "Log", "Network", "Performance"):
+                    tab.call(f"{domain}.enable")
+                tab.call(
+                    "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False
+                )
+                yield tab
                 with suppress(ConnectionClosed):
                     connection.send(json.dumps({"id": 0, "method": "Browser.close"}))
             process.wait(10)
@@ -193,30 +242,13 @@ def open_page(
     Raises:
         TimeoutError: `ready` did not become true.
     """
-    with _tab(offline) as tab:
-        for domain in ("Page", "Runtime", "Log", "Network"):
-            tab.call(f"{domain}.enable")
-        tab.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
-        tab.call("Page.navigate", url=url)
-        _rest(tab, ready)
+    with open_tab(width, height, offline) as tab:
+        tab.go_to(url, ready)
         if act:
             tab.evaluate(act)
-            _rest(tab, "true")
+            tab.rest()
         if screenshot:
-            picture = tab.call("Page.captureScreenshot", format="png")["data"]
-            screenshot.write_bytes(base64.b64decode(picture))
+            tab.take_picture(screenshot)
         seconds = tab.evaluate("performance.getEntriesByType('navigation')[0].loadEventEnd / 1000")
         text = tab.evaluate("document.body.innerText")
         return Page(tab.console_errors, tab.failed_requests, float(seconds), str(text))
-
-
-def _rest(tab: _Tab, ready: str) -> None:
-    end = time.monotonic() + PATIENCE
-    while time.monotonic() < end:
-        if tab.listen(QUIET) and tab.loaded and tab.evaluate(f"Boolean({ready})"):
-            return
-    raise TimeoutError(f"the page did not come to rest with {ready}, in {PATIENCE:.0f} s; it shows: {_shown(tab)}")
-
-
-def _shown(tab: _Tab) -> str:
-    return " ".join(str(tab.evaluate("document.body.innerText")).split())[:500]

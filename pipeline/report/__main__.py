@@ -25,8 +25,8 @@ def work() -> None:
     from pipeline.report.dataset_card import CardContent, ObjectFacts, dataset_card
     from pipeline.report.diversity import diversity
     from pipeline.report.drawing import draw_views, load_objects
-    from pipeline.report.figure_files import heat_map_picture, strip_picture
-    from pipeline.report.harder import load_harder
+    from pipeline.report.figure_files import heat_map_picture
+    from pipeline.report.harder import PREFIX, load_harder
     from pipeline.report.learned import load_learned
     from pipeline.report.page import PageContent, build_page
     from pipeline.report.rates import pair_merge, pair_trials, single_grasp_funnel
@@ -35,6 +35,7 @@ def work() -> None:
     from pipeline.report.settings import section_rows
     from pipeline.report.summary import summarize
     from pipeline.report.tables import load_tables
+    from pipeline.report.trial_rows import trials_table
 
     styles, evaluate = parameters["styles"], parameters["evaluate"]
     settings = {name: list(section_rows(name, value)) for name, value in parameters.items()}
@@ -87,6 +88,22 @@ def work() -> None:
         merges=merges,
         trials=trials,
         views=views,
+        trial_tables={
+            **{
+                (source, one.first, one.second): trials_table(
+                    source, one.first, one.second, tables.trials[source, one.first]
+                )
+                for source, pairs in trials.items()
+                for one in pairs
+            },
+            **{
+                (PREFIX + setting.name, one.first, one.second): trials_table(
+                    PREFIX + setting.name, one.first, one.second, setting.rows
+                )
+                for setting in harder
+                for one in setting.pairs
+            },
+        },
         shapes=shapes,
         shape_unit=UNIT,
         success_height=evaluate.success_height,
@@ -107,7 +124,7 @@ def work() -> None:
         for view in views:
             for strip in view.strips:
                 kind = "failure" if strip.failed else "success"
-                (folder / f"{view.name}-{strip.source}-{kind}.jpg").write_bytes(strip_picture(strip))
+                (folder / f"{view.name}-{strip.source}-{kind}.jpg").write_bytes(strip.sheet)
     with whole_file(paths.REPORT_PAGE) as temporary:
         temporary.write_text(page, encoding="utf-8")
     with whole_file(paths.DATASET_CARD) as temporary:

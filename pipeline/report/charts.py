@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from html import escape
+from urllib.parse import quote
 
 from pipeline.report.rates import ratio
 
@@ -19,9 +21,32 @@ def percent(rate: float) -> str:
     return f"{100 * rate:.1f}\u202f%"
 
 
-def data_uri(jpeg: bytes) -> str:
-    """Return a JPEG as a data URI."""
-    return "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()
+@dataclass(frozen=True)
+class Link:
+    """A cell of a table that leads to another place of the page."""
+
+    text: str
+    target: str  # id of an element
+
+
+Cell = str | Link
+
+
+def data_uri(picture: bytes) -> str:
+    """Return a JPEG or WebP as a data URI."""
+    kind = "webp" if picture[8:12] == b"WEBP" else "jpeg"
+    return f"data:image/{kind};base64," + base64.b64encode(picture).decode()
+
+
+def anchor(target: str) -> str:
+    """Return the ``href`` that leads to the element with the id ``target``."""
+    return "#" + quote(target)
+
+
+def _cell(cell: Cell) -> str:
+    if isinstance(cell, Link):
+        return f'<a href="{anchor(cell.target)}">{escape(cell.text)}</a>'
+    return escape(cell)
 
 
 def scale_colour(rate: float) -> tuple[int, int, int]:
@@ -36,13 +61,13 @@ def ink_on(colour: tuple[int, int, int]) -> str:
     return "#fff" if 0.299 * colour[0] + 0.587 * colour[1] + 0.114 * colour[2] < 140 else "#111"
 
 
-def table(headers: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> str:
+def table(headers: Sequence[str], rows: Sequence[Sequence[Cell]], caption: str = "") -> str:
     """Return an HTML table of escaped texts; the first column is a row header, the others are figures."""
     head = "".join(f'<th scope="col">{escape(text)}</th>' for text in headers)
     body = "".join(
         "<tr>"
         + "".join(
-            f'<th scope="row">{escape(cell)}</th>' if column == 0 else f"<td>{escape(cell)}</td>"
+            f'<th scope="row">{_cell(cell)}</th>' if column == 0 else f"<td>{_cell(cell)}</td>"
             for column, cell in enumerate(row)
         )
         + "</tr>\n"
@@ -52,31 +77,50 @@ def table(headers: Sequence[str], rows: Sequence[Sequence[str]], caption: str = 
     return f'<div class="wide"><table>{title}<thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>\n'
 
 
+def numbers(title: str, html: str) -> str:
+    """Return the numbers of a figure, folded under it; on paper they are open."""
+    return f'<details class="numbers"><summary>{escape(title)}</summary>\n{html}</details>\n'
+
+
 def heat_map(
     row_names: Sequence[str],
     column_names: Sequence[str],
     rates: Mapping[tuple[str, str], float],
     notes: Mapping[tuple[str, str], str],
+    targets: Mapping[tuple[str, str], str],
 ) -> str:
-    """Return a heat map as a table of coloured cells.
+    """Return a heat map as a table of coloured cells, each a link.
 
     Args:
-        rates: 0 to 1 per (row, column).
+        rates: 0 to 1 per (row, column); a pair without a rate has an empty cell.
         notes: small text under each rate, such as 24 of 25.
+        targets: id of the element that each cell leads to.
     """
     head = "".join(f'<th scope="col">{escape(_spoken(name))}</th>' for name in column_names)
     body = ""
     for row in row_names:
         body += f'<tr><th scope="row">{escape(_spoken(row))}</th>'
         for column in column_names:
+            if (row, column) not in rates:
+                body += "<td></td>"
+                continue
             colour = scale_colour(rates[row, column])
             body += (
-                f'<td style="background:rgb{colour};color:{ink_on(colour)}"><b>{percent(rates[row, column])}</b>'
-                f"<small>{escape(notes[row, column])}</small></td>"
+                f'<td style="background:rgb{colour}"><a href="{anchor(targets[row, column])}" '
+                f'style="color:{ink_on(colour)}"><b>{percent(rates[row, column])}</b>'
+                f"<small>{escape(notes[row, column])}</small></a></td>"
             )
         body += "</tr>\n"
     header = f"<thead><tr><th></th>{head}</tr></thead>"
     return f'<div class="wide"><table class="heat">{header}<tbody>{body}</tbody></table></div>\n'
+
+
+def matrix(
+    row_names: Sequence[str], column_names: Sequence[str], cells: Mapping[tuple[str, str], Cell], corner: str
+) -> str:
+    """Return the numbers of a heat map as a plain table; missing cells are empty."""
+    rows = [[_spoken(row), *(cells.get((row, column), "") for column in column_names)] for row in row_names]
+    return table([corner, *map(_spoken, column_names)], rows)
 
 
 def _spoken(name: str) -> str:
@@ -146,7 +190,7 @@ def category_colours(categories: Sequence[str], passed: str) -> dict[str, str]:
 
 
 def bars_with_table(bars: Sequence[tuple[str, Mapping[str, int]]], passed: str, title: str, first_column: str) -> str:
-    """Return stacked bars and, under them, the same counts with their shares."""
+    """Return stacked bars and, folded under them, the same counts with their shares."""
     categories = ordered_categories(bars, passed)
     rows = []
     for label, counts in bars:
@@ -154,4 +198,4 @@ def bars_with_table(bars: Sequence[tuple[str, Mapping[str, int]]], passed: str, 
         cells = [f"{counts.get(c, 0)} ({percent(ratio(counts.get(c, 0), total))})" for c in categories]
         rows.append([label, str(total), *cells])
     headers = [first_column, "all", *(_spoken(category) for category in categories)]
-    return stacked_bars(bars, passed, title) + table(headers, rows)
+    return stacked_bars(bars, passed, title) + numbers(f"{title}: numbers", table(headers, rows))

@@ -23,6 +23,7 @@ from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.report import ReportParameters
 from pipeline.records.poses import pose_matrix
 from pipeline.report.chosen_trials import choose_trials, chosen_moments
+from pipeline.report.figure_files import contact_sheet
 from pipeline.report.page import SOURCE_TITLES, PairView, Strip
 from pipeline.report.scene import (
     MOST_FACES,
@@ -30,15 +31,21 @@ from pipeline.report.scene import (
     OBJECT_COLOURS,
     fractions,
     grasp_record,
+    grasp_row,
     hexadecimal,
     object_pose,
     shape_record,
     shown_grasps,
 )
 from pipeline.report.tables import Tables
+from pipeline.report.trial_rows import replay_command
 
 GRASP_AZIMUTH, GRASP_ELEVATION = 29.0, 13.0  # degrees; as the first view in ``viewer.js``
 POSTER_SIZE = (400, 400)  # pixels
+# Of pictures in the page, which all ride in one file: twice the width at which a strip shows them. The files under
+# reports/figures keep the size that params.yaml asks for.
+PAGE_WIDTH = 320  # pixels
+WEBP_QUALITY = 60
 HAND_LIGHTENING = 0.3  # the interactive view has no fill light: dark links would be black
 
 
@@ -94,6 +101,7 @@ def draw_view(task: PairTask) -> PairView:
         first=task.names[0],
         second=task.names[1],
         grasps=[grasp_record(grasp, _placed_links(np.asarray(grasp["q"]))) for grasp in grasps],
+        rows=[grasp_row(grasp) for grasp in grasps],
         poster=grasp_poster(grasps[0], task.objects) if grasps else None,
         strips=[trial_strip(row, task.objects, task.settings, task.evaluate) for row in shown],
     )
@@ -138,13 +146,13 @@ def _object_bodies(pair: Sequence[PreparedObject], poses: Sequence[NDArray[np.fl
 
 
 def grasp_poster(grasp: Mapping[str, Any], pair: Sequence[PreparedObject]) -> bytes:
-    """Return a JPEG of a merged grasp (a row of a merged table), seen as in the interactive view."""
+    """Return a WebP of a merged grasp (a row of a merged table), seen as in the interactive view."""
     bodies = hand_bodies(np.eye(4), np.asarray(grasp["q"]))
     bodies += _object_bodies(pair, [object_pose(grasp, index) for index in (0, 1)])
     points = np.concatenate([body.world_vertices() for body in bodies])
     width, height = POSTER_SIZE
     camera = framing(points, GRASP_AZIMUTH, GRASP_ELEVATION, aspect=width / height)
-    return as_jpeg(render(bodies, camera, width, height))
+    return as_webp(render(bodies, camera, width, height))
 
 
 def trial_strip(
@@ -162,23 +170,30 @@ def trial_strip(
         robot_q = np.asarray(trial["snapshot_robot_q"][moment], dtype=np.float64)
         bodies = _object_bodies(pair, list(pose_matrix(world[:, :3], world[:, 3:])))
         size = settings.picture_width, settings.picture_height
-        pictures.append(as_jpeg(moment_picture(robot_q, bodies, evaluate.sponge_height, *size)))
+        pictures.append(moment_picture(robot_q, bodies, evaluate.sponge_height, *size))
     success = bool(trial["success"])
     outcome = "success" if success else f"failed: {trial['reason']}"
     return Strip(
         title=f"Trial {trial['trial']}, {SOURCE_TITLES[trial['source']]}, {outcome}",
         source=str(trial["source"]),
-        replay="./dev replay " + "/".join(str(trial[key]) for key in ("source", "object0", "object1", "trial")),
-        captions=[phases[moment] for moment in moments],
-        pictures=pictures,
+        trial=int(trial["trial"]),
+        shape=(settings.picture_width, settings.picture_height),
+        replay=replay_command(trial["source"], trial["object0"], trial["object1"], trial["trial"]),
+        captions=(captions := [phases[moment] for moment in moments]),
+        pictures=[as_webp(picture) for picture in pictures],
+        sheet=contact_sheet(pictures, captions),
         failed=not success,
     )
 
 
-def as_jpeg(picture: NDArray[np.uint8]) -> bytes:
-    """Return a picture (h, w, 3) as JPEG."""
+def as_webp(picture: NDArray[np.uint8]) -> bytes:
+    """Return a picture (h, w, 3) as WebP, at most ``PAGE_WIDTH`` wide."""
     from PIL import Image
 
+    image = Image.fromarray(picture)
+    if image.width > PAGE_WIDTH:
+        height = round(image.height * PAGE_WIDTH / image.width)
+        image = image.resize((PAGE_WIDTH, height), Image.Resampling.LANCZOS)
     buffer = io.BytesIO()
-    Image.fromarray(picture).save(buffer, format="JPEG", quality=85)
+    image.save(buffer, format="WEBP", quality=WEBP_QUALITY, method=4)
     return buffer.getvalue()

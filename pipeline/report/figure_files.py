@@ -6,8 +6,10 @@ import io
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pipeline.report.charts import ink_on, percent, scale_colour
-from pipeline.report.page import Strip
 from pipeline.report.rates import PairTrials
 
 MOST_COLUMNS = 6  # pictures in one row of a strip
@@ -44,20 +46,19 @@ def heat_map_picture(pairs: Sequence[PairTrials]) -> bytes:
     return buffer.getvalue()
 
 
-def strip_picture(strip: Strip) -> bytes:
-    """Return all pictures of a strip in one JPEG, in rows, each with its phase written below."""
+def contact_sheet(pictures: Sequence[NDArray[np.uint8]], captions: Sequence[str]) -> bytes:
+    """Return all pictures (h, w, 3) of a strip in one JPEG, in rows, each with its phase written below."""
     from PIL import Image, ImageDraw, ImageFont
 
-    tiles = [Image.open(io.BytesIO(picture)).convert("RGB") for picture in strip.pictures]
-    width, height, caption = tiles[0].width, tiles[0].height, 24
-    columns = min(MOST_COLUMNS, len(tiles))
-    rows = -(-len(tiles) // columns)
+    (height, width), caption = pictures[0].shape[:2], 24
+    columns = min(MOST_COLUMNS, len(pictures))
+    rows = -(-len(pictures) // columns)
     sheet = Image.new("RGB", (columns * width, rows * (height + caption)), "white")
     draw = ImageDraw.Draw(sheet)
     font = ImageFont.load_default(15)
-    for index, (tile, text) in enumerate(zip(tiles, strip.captions, strict=True)):
+    for index, (picture, text) in enumerate(zip(pictures, captions, strict=True)):
         x, y = index % columns * width, index // columns * (height + caption)
-        sheet.paste(tile, (x, y))
+        sheet.paste(Image.fromarray(picture), (x, y))
         draw.text((x + width / 2, y + height + caption / 2), text, fill="#222222", font=font, anchor="mm")
     buffer = io.BytesIO()
     sheet.save(buffer, format="JPEG", quality=85)

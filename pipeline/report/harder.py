@@ -14,12 +14,14 @@ from pipeline.records.parameters.harder import HarderParameters, HarderSetting
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.tables import TRIALS, read_table
 from pipeline.report import meanings
-from pipeline.report.charts import bars_with_table, percent, table
+from pipeline.report.charts import Cell, Link, bars_with_table, percent, table
 from pipeline.report.rates import PairTrials, mean, pair_trials, ratio
 from pipeline.report.settings import described
+from pipeline.report.trial_rows import trials_key
 
 IDENTITY = ["object0", "object1", "trial"]
 SUCCESS = "success"
+PREFIX = "harder-"  # of a setting's name where it stands beside sources of grasps
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,7 @@ class Harder:
     changes: Sequence[Change]
     pairs: Sequence[PairTrials]
     standard: Sequence[PairTrials]  # of the same trials in the standard setting
+    rows: pd.DataFrame  # its table of trials
     lost: int  # trials that succeed in the standard setting and not here
     gained: int  # the other way round
 
@@ -103,6 +106,7 @@ def compared(
         changes=changes,
         pairs=[pair_trials(first, second, rows) for first, second in pairs],
         standard=[pair_trials(first, second, same) for first, second in pairs],
+        rows=rows,
         lost=int((there & ~here).sum()),
         gained=int((here & ~there).sum()),
     )
@@ -143,31 +147,35 @@ def _spoken(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _columns(found: Sequence[Harder]) -> list[tuple[str, Sequence[PairTrials]]]:
-    """Return title and pairs of every column: the standard trials of each source, then the settings with its grasps."""
-    columns: list[tuple[str, Sequence[PairTrials]]] = []
+Column = tuple[str, str, Sequence[PairTrials]]  # title, source of its trials as in their ids, counts
+
+
+def _columns(found: Sequence[Harder]) -> list[Column]:
+    """Return the columns: the standard trials of each source, then the settings with its grasps."""
+    columns: list[Column] = []
     for source in dict.fromkeys(one.source for one in found):
         own = [one for one in found if one.source == source]
-        columns.append((f"standard, {source} grasps", own[0].standard))
-        columns += [(f"{one.name}, {source} grasps", one.pairs) for one in own]
+        columns.append((f"standard, {source} grasps", source, own[0].standard))
+        columns += [(f"{one.name}, {source} grasps", PREFIX + one.name, one.pairs) for one in own]
     return columns
 
 
-def _rates_table(columns: Sequence[tuple[str, Sequence[PairTrials]]], released_rule: bool) -> str:
-    """Return success per pair and column; by the released code's rule or by the paper's."""
-    rows = []
-    for index, pair in enumerate(columns[0][1]):
+def _rates_table(columns: Sequence[Column], released_rule: bool) -> str:
+    """Return success per pair and column, each a link to the trials; by the released code's rule or by the paper's."""
+    rows: list[list[Cell]] = []
+    for index, pair in enumerate(columns[0][2]):
         cells = []
-        for _, pairs in columns:
+        for _, source, pairs in columns:
             own = pairs[index]
             count = own.successes_10cm if released_rule else own.successes
-            cells.append(f"{percent(ratio(count, own.trials))} ({count} of {own.trials})")
+            text = f"{percent(ratio(count, own.trials))} ({count} of {own.trials})"
+            cells.append(Link(text, trials_key(source, pair.first, pair.second)))
         rows.append([f"{_spoken(pair.first)} + {_spoken(pair.second)}", *cells])
     means = [
         percent(mean([pair.success_rate_10cm if released_rule else pair.success_rate for pair in pairs]))
-        for _, pairs in columns
+        for _, _, pairs in columns
     ]
-    return table(["pair", *(title for title, _ in columns)], [*rows, ["mean over pairs", *means]])
+    return table(["pair", *(title for title, _, _ in columns)], [*rows, ["mean over pairs", *means]])
 
 
 def harder_section(found: Sequence[Harder], criterion: str, hand_torque_limit: float) -> str:
@@ -191,7 +199,9 @@ def harder_section(found: Sequence[Harder], criterion: str, hand_torque_limit: f
     ]
     headers = ["setting", "trials", f"mean success ({criterion})", "worst pair", "mean success (10 cm)"]
     headers += ["lost", "gained"]
-    bars = [(title, {SUCCESS: sum(pair.successes for pair in pairs), **reasons_of(pairs)}) for title, pairs in columns]
+    bars = [
+        (title, {SUCCESS: sum(pair.successes for pair in pairs), **reasons_of(pairs)}) for title, _, pairs in columns
+    ]
     return (
         "<p>The first trials of some pairs once more, in settings that differ from the standard one in a few values. "
         "Grasps, seeds and order are the same and nothing is made for the setting: a grasp was synthesized, validated "
@@ -206,5 +216,5 @@ def harder_section(found: Sequence[Harder], criterion: str, hand_torque_limit: f
         f"the other way round.</p>\n{table(headers, sums)}"
         "<h3>Why trials failed</h3>\n"
         + bars_with_table(bars, SUCCESS, "Outcomes of trials per setting", "setting")
-        + meanings.explained((reason for _, pairs in columns for reason in reasons_of(pairs)), meanings.TRIALS)
+        + meanings.explained((reason for _, _, pairs in columns for reason in reasons_of(pairs)), meanings.TRIALS)
     )

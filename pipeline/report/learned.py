@@ -16,7 +16,7 @@ from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.objects import StylesParameters
 from pipeline.records.tables import MERGED, read_table
-from pipeline.report.charts import CATEGORY_COLOURS, bars_with_table, percent, table
+from pipeline.report.charts import CATEGORY_COLOURS, bars_with_table, numbers, percent, table
 from pipeline.report.comparisons import (
     ABLATION,
     ABLATION_FILE,
@@ -142,7 +142,7 @@ def learned_section(learned: Learned) -> str:
         "<p>A generative model, conditioned on the point clouds of both objects, is trained on the merged grasps. Its "
         "samples are refined on the grasp energy, ranked by it, and checked like any merged grasp; what passes is "
         "carried out like synthesized grasps.</p>\n"
-        f"{loss_curves(learned.history)}"
+        f"{loss_curves(learned.history)}{loss_numbers(learned.history)}"
         "<p>Losses: mean squared error of the prediction. Where that of kept grasps rises and that of training falls, "
         "there are too few grasps to learn more from than themselves.</p>\n"
         "<h3>Samples without physics</h3>\n"
@@ -181,6 +181,13 @@ def published_comparisons(learned: Learned) -> str:
             "checks: those of merging, physics included. Rotations are projected and joints clamped in every row.",
         )
     )
+
+
+def loss_numbers(history: Sequence[Mapping[str, float]]) -> str:
+    """Return the rows of the curves, folded."""
+    shown = [name for name in LOSSES if name in history[0]]
+    rows = [[f"{row['step']:g}", *(f"{row[name]:.5g}" for name in shown)] for row in history]
+    return numbers("Losses: numbers", table(["step", *(LOSSES[name] for name in shown)], rows))
 
 
 def loss_curves(history: Sequence[Mapping[str, float]]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
@@ -10,14 +9,28 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.report import paper
-from pipeline.report.charts import bars_with_table, data_uri, heat_map, percent, table
-from pipeline.report.harder import Harder, harder_section
+from pipeline.report.charts import (
+    Cell,
+    Link,
+    anchor,
+    bars_with_table,
+    data_uri,
+    heat_map,
+    matrix,
+    numbers,
+    percent,
+    table,
+)
+from pipeline.report.embedding import FoldedTable, compressed_block, fold, tables_block
+from pipeline.report.harder import PREFIX, Harder, harder_section
 from pipeline.report.learned import Learned, learned_section
 from pipeline.report.meanings import MERGE, SYNTHESIS, TRIALS, VALIDATION, explained
 from pipeline.report.rates import Funnel, PairMerge, PairTrials, ratio, wilson_interval
 from pipeline.report.reconstructed import Reconstructed, reconstructed_section
+from pipeline.report.scene import GRASP_HEADERS
 from pipeline.report.settings import Row
 from pipeline.report.summary import Value
+from pipeline.report.trial_rows import trials_key
 
 PASSED = "passed"
 SUCCESS = "success"
@@ -34,9 +47,12 @@ class Strip:
 
     title: str
     captions: list[str]
-    pictures: list[bytes]  # JPEG
+    pictures: list[bytes]  # WebP
+    sheet: bytes = b""  # all of them in their full size, JPEG
     failed: bool = False
     source: str = "synthesized"  # where the grasp came from
+    trial: int = 0
+    shape: tuple[int, int] = (4, 3)  # width and height of the pictures, in any unit
     replay: str = ""  # the command that runs the trial again
 
 
@@ -47,7 +63,8 @@ class PairView:
     first: str
     second: str
     grasps: list[dict[str, Any]]  # see scene.grasp_record
-    poster: bytes | None  # JPEG of the first grasp, shown until (and where not) the interactive view is
+    rows: list[list[str]]  # their numbers, see scene.grasp_row
+    poster: bytes | None  # WebP of the first grasp, shown until (and where not) the interactive view is
     strips: list[Strip] = field(default_factory=list)
 
     @property
@@ -65,6 +82,7 @@ class PageContent:
     merges: Sequence[PairMerge]
     trials: Mapping[str, list[PairTrials]]  # per source
     views: Sequence[PairView]
+    trial_tables: Mapping[tuple[str, str, str], FoldedTable]  # per source or harder setting, and pair
     shapes: Mapping[str, dict[str, list[int]]]  # see scene.shape_record
     shape_unit: float  # m
     success_height: float  # m
@@ -82,11 +100,6 @@ class PageContent:
         return f"{100 * self.success_height:g} cm, {self.hold_seconds:g} s"
 
 
-def inert_json(value: Any) -> str:
-    """Return JSON that can stand inside a ``<script>`` element without ending it."""
-    return json.dumps(value, sort_keys=True, separators=(",", ":")).replace("<", "\\u003c")
-
-
 def _spoken(name: str) -> str:
     return name.replace("_", " ")
 
@@ -95,16 +108,27 @@ def _pair(first: str, second: str) -> str:
     return f"{_spoken(first)} + {_spoken(second)}"
 
 
+def pair_key(first: str, second: str) -> str:
+    """Return the id of what is shown of a pair."""
+    return f"pair-{first}--{second}"
+
+
+def grasps_key(first: str, second: str) -> str:
+    """Return the id of the table of a pair's grasps."""
+    return f"grasps-{first}--{second}"
+
+
 def build_page(content: PageContent, plotly_source: str) -> str:
-    """Return the whole page.
+    """Return the whole page. Scenes and long tables lie in it compressed and are read when they are wanted.
 
     Args:
         plotly_source: text of plotly.min.js, embedded once and run only when an interactive view is seen.
     """
     here = Path(__file__).parent
     scenes = {view.name: view.grasps for view in content.views if view.grasps}
-    scene_data = inert_json({"unit": content.shape_unit, "shapes": content.shapes, "pairs": scenes})
-    library = plotly_source.replace("</script", "<\\/script")
+    scene_data = {"unit": content.shape_unit, "shapes": content.shapes, "pairs": scenes}
+    tables = {trials_key(*key): rows for key, rows in content.trial_tables.items()}
+    tables |= {grasps_key(view.first, view.second): FoldedTable(GRASP_HEADERS, view.rows) for view in content.views}
     sections = [
         ("done", "What was done", done_section(content)),
         *[
@@ -122,7 +146,7 @@ def build_page(content: PageContent, plotly_source: str) -> str:
             if (photographed := content.reconstructed)
             else []
         ),
-        ("pairs", "Every pair: grasps and trials", pairs_section(content.views)),
+        ("pairs", "Every pair: grasps and trials", pairs_section(content.views, content.trial_tables)),
         ("single", "Single grasps", single_section(content.funnels)),
         ("merge", "Merging", merge_section(content.merges)),
         ("settings", "Settings", settings_section(content.settings)),
@@ -140,9 +164,11 @@ def build_page(content: PageContent, plotly_source: str) -> str:
         f"<main>\n{body}</main>\n"
         "<footer><p>Every figure comes from the tables under <code>data/</code>; <code>docs/metrics.md</code> defines "
         "each key of <code>reports/summary.json</code>.</p></footer>\n"
-        f'<script type="application/json" id="scene-data">{scene_data}</script>\n'
-        f'<script type="text/plain" id="plotly-source">{library}</script>\n'
-        f"<script>\n{(here / 'viewer.js').read_text()}</script>\n</body></html>\n"
+        + compressed_block("plotly-source", plotly_source)
+        + compressed_block("scene-data", scene_data)
+        + tables_block("table-data", tables)
+        + "".join(f"<script>\n{(here / name).read_text()}</script>\n" for name in ("folds.js", "viewer.js"))
+        + "</body></html>\n"
     )
 
 
@@ -205,22 +231,29 @@ def success_section(content: PageContent, source: str, pairs: Sequence[PairTrial
     """Return heat map, figures per pair, and failure reasons of one source of grasps."""
     firsts, seconds = list(dict.fromkeys(p.first for p in pairs)), list(dict.fromkeys(p.second for p in pairs))
     rates = {(p.first, p.second): p.success_rate for p in pairs}
+    targets = {(p.first, p.second): trials_key(source, p.first, p.second) for p in pairs}
     notes = {(p.first, p.second): f"{p.successes} of {p.trials}" if p.trials else "no trials" for p in pairs}
-    rows = []
+    rows: list[list[Cell]] = []
     for p in pairs:
         low, high = wilson_interval(p.successes, p.trials)
         interval = f"{100 * low:.0f}–{100 * high:.0f}\u202f%"
         rows.append(
-            [_pair(p.first, p.second), str(p.trials), str(p.successes), percent(p.success_rate), interval]
-            + [percent(p.success_rate_10cm), percent(p.planning_failure_rate), percent(p.reachable_rate)]
+            [
+                Link(_pair(p.first, p.second), targets[p.first, p.second]),
+                *(str(p.trials), str(p.successes), percent(p.success_rate), interval),
+                *(percent(p.success_rate_10cm), percent(p.planning_failure_rate), percent(p.reachable_rate)),
+            ]
         )
     summary, prefix = content.summary, f"evaluate.{source}"
     rows.append(
-        ["mean over pairs", str(summary[f"{prefix}.trials"]), str(sum(p.successes for p in pairs))]
-        + [percent(float(summary[f"{prefix}.success_rate_mean"])), ""]
-        + [percent(float(summary[f"{prefix}.success_rate_mean_10cm"]))]
-        + [percent(float(summary[f"{prefix}.planning_failure_rate"]))]
-        + [percent(float(summary[f"{prefix}.reachable_rate"]))]
+        [
+            "mean over pairs",
+            *(str(summary[f"{prefix}.trials"]), str(sum(p.successes for p in pairs))),
+            *(percent(float(summary[f"{prefix}.success_rate_mean"])), ""),
+            percent(float(summary[f"{prefix}.success_rate_mean_10cm"])),
+            percent(float(summary[f"{prefix}.planning_failure_rate"])),
+            percent(float(summary[f"{prefix}.reachable_rate"])),
+        ]
     )
     headers = [
         "pair",
@@ -233,11 +266,15 @@ def success_section(content: PageContent, source: str, pairs: Sequence[PairTrial
         "grasps in reach",
     ]
     bars = [(_pair(p.first, p.second), {SUCCESS: p.successes, **p.reasons}) for p in pairs]
+    cells: dict[tuple[str, str], Cell] = {key: Link(notes[key], targets[key]) for key in notes}
     return (
-        "<p>Rows: the object picked up first. Columns: the object picked up second.</p>\n"
-        f'<div class="beside">{heat_map(firsts, seconds, rates, notes)}{_paper_success(summary, prefix, pairs)}</div>\n'
-        f"{table(headers, rows)}"
-        "<h3>Why trials failed</h3>\n"
+        "<p>Rows: the object picked up first. Columns: the object picked up second. Every cell leads to the pair’s "
+        "trials.</p>\n"
+        f'<div class="beside">{heat_map(firsts, seconds, rates, notes, targets)}'
+        f"{_paper_success(summary, prefix, pairs)}</div>\n"
+        + numbers("Heat map: numbers", matrix(firsts, seconds, cells, "first \\ second"))
+        + numbers("Every pair: intervals, both rules, plans, reach", table(headers, rows))
+        + "<h3>Why trials failed</h3>\n"
         + bars_with_table(bars, SUCCESS, "Outcomes of trials per pair", "pair")
         + explained((reason for p in pairs for reason in p.reasons), TRIALS)
     )
@@ -267,44 +304,75 @@ def _paper_success(summary: Mapping[str, Value], prefix: str, pairs: Sequence[Pa
     return f"<div>{table(['', 'here', 'paper'], rows)}{note}</div>"
 
 
-def pairs_section(views: Sequence[PairView]) -> str:
-    """Return, for every pair, its grasp in 3D and the strips of its trials."""
+def pairs_section(views: Sequence[PairView], trial_tables: Mapping[tuple[str, str, str], FoldedTable]) -> str:
+    """Return, for every pair, its grasp in 3D, the strips of its trials, and the folded tables of both.
+
+    Args:
+        trial_tables: see :class:`PageContent`; pairs that no view shows get a place for their trials.
+    """
     legend = (
-        "<p>Left: merged grasps in the frame of the hand (first object orange, second blue); drag to turn, scroll to "
-        "zoom. Right: moments of one trial, named by the phase of the sequence; the command beside its number plays it "
-        "(docs/replay.md).</p>\n"
+        "<p>Left: merged grasps in the frame of the hand (first object orange, second blue); drag to turn, "
+        "scroll to zoom. Right: moments of one trial, named by the phase of the sequence; the command beside its "
+        "number plays it (docs/replay.md).</p>\n"
     )
-    return legend + "".join(_pair_view(view) for view in views)
+    seen = {(view.first, view.second) for view in views}
+    others = dict.fromkeys((first, second) for _, first, second in trial_tables if (first, second) not in seen)
+    shown = [*views, *(PairView(first, second, grasps=[], rows=[], poster=None) for first, second in others)]
+    return legend + "".join(_pair_view(view, _trial_folds(view, trial_tables)) for view in shown)
 
 
-def _pair_view(view: PairView) -> str:
+def _trial_folds(view: PairView, trial_tables: Mapping[tuple[str, str, str], FoldedTable]) -> str:
+    folds = []
+    for (source, first, second), found in trial_tables.items():
+        if (first, second) != (view.first, view.second):
+            continue
+        title = SOURCE_TITLES.get(source, f"harder setting {source.removeprefix(PREFIX)}")
+        good = sum(row[1] == SUCCESS for row in found.rows)
+        folds.append(fold(trials_key(source, first, second), f"Trials, {title}: {good} of {len(found.rows)} succeed"))
+    return "".join(folds)
+
+
+def _pair_view(view: PairView, folds: str) -> str:
     title = f"<h3>{escape(_pair(view.first, view.second))}</h3>"
     strips = (
-        "".join(_strip(strip) for strip in view.strips) or '<p class="note">No trial of this pair has pictures.</p>'
+        "".join(_strip(strip, view) for strip in view.strips)
+        or '<p class="note">No trial of this pair has pictures.</p>'
     )
+    begin, end = f'<div class="pair" id="{escape(pair_key(view.first, view.second))}">{title}', "</div>\n"
+    trials = f'<div class="rows">{folds}</div>'
     if not view.grasps:
-        return f'<div class="pair">{title}<p class="note">No merged grasp was accepted.</p><div>{strips}</div></div>\n'
+        return f'{begin}<p class="note">No merged grasp was accepted.</p><div>{strips}</div>{trials}{end}'
     alternative = escape(f"Merged grasp {view.grasps[0]['merged_id']} of {_pair(view.first, view.second)}")
-    image = f'<img src="{data_uri(view.poster)}" alt="{alternative}" loading="lazy">' if view.poster else ""
+    image = _image(view.poster, alternative, (1, 1)) if view.poster else ""
     options = "".join(
         f'<option value="{index}">{grasp["merged_id"]}</option>' for index, grasp in enumerate(view.grasps)
     )
     label = f"merged grasp of {escape(_pair(view.first, view.second))}"
+    poses = fold(grasps_key(view.first, view.second), f"Merged grasps: numbers of the {len(view.rows)} shown")
     return (
-        f'<div class="pair">{title}<div><div class="view" data-pair="{escape(view.name)}">{image}</div>'
+        f'{begin}<div><div class="view" data-pair="{escape(view.name)}">{image}</div>'
         f'<p class="under screen">Merged grasp <select aria-label="{label}">{options}</select></p></div>'
-        f"<div>{strips}</div></div>\n"
+        f'<div>{strips}</div><div class="rows">{poses}{folds}</div>{end}'
     )
 
 
-def _strip(strip: Strip) -> str:
+def _image(picture: bytes, alternative: str, shape: tuple[int, int]) -> str:
+    """Return a picture that is decoded when it is near the window; its place is kept by its ``shape``."""
+    width, height = shape
+    return (
+        f'<img src="{data_uri(picture)}" alt="{escape(alternative)}" width="{width}" height="{height}" loading="lazy">'
+    )
+
+
+def _strip(strip: Strip, view: PairView) -> str:
     figures = "".join(
-        f'<figure><img src="{data_uri(picture)}" alt="{escape(caption)}" loading="lazy">'
-        f"<figcaption>{escape(caption)}</figcaption></figure>"
+        f"<figure>{_image(picture, caption, strip.shape)}<figcaption>{escape(caption)}</figcaption></figure>"
         for caption, picture in zip(strip.captions, strip.pictures, strict=True)
     )
     kind = ' class="failed"' if strip.failed else ""
-    title = escape(strip.title) + (f" <code>{escape(strip.replay)}</code>" if strip.replay else "")
+    target = trials_key(strip.source, view.first, view.second)
+    title = f'<a href="{anchor(target)}" data-row="{strip.trial}">{escape(strip.title)}</a>'
+    title += f" <code>{escape(strip.replay)}</code>" if strip.replay else ""
     return f'<div{kind}><p class="strip-title">{title}</p><div class="strip">{figures}</div></div>\n'
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.pictures.decimation import Mesh
 from pipeline.records.poses import pose_matrix
+from pipeline.report.trial_rows import scaled
 
 UNIT = 1e-4  # m; vertices are stored as whole multiples of it
 MOST_FACES = 1200  # of an object
@@ -30,7 +31,7 @@ def shape_record(mesh: Mesh) -> dict[str, list[int]]:
 
 def body_record(shape: str, T_hand_body: NDArray[np.float64], colour: str, name: str) -> dict[str, Any]:
     """Return one placed shape; the pose is the upper three rows of ``T_hand_body`` (4, 4)."""
-    pose = [round(float(value), 6) + 0.0 for value in T_hand_body[:3].ravel()]
+    pose = [round(float(value), 5) + 0.0 for value in T_hand_body[:3].ravel()]
     return {"shape": shape, "pose": pose, "colour": colour, "name": name}
 
 
@@ -40,6 +41,38 @@ def shown_grasps(merged: pd.DataFrame, preferred: Sequence[int], most: int = GRA
     rank = {merged_id: index for index, merged_id in enumerate(dict.fromkeys(preferred))}
     order = accepted["merged_id"].map(lambda merged_id: rank.get(merged_id, len(rank)))
     return accepted.assign(_order=order).sort_values(["_order", "merged_id"]).head(most).drop(columns="_order")
+
+
+GRASP_HEADERS = (
+    "merged grasp",
+    "first: grasp, fingers",
+    "second: grasp, fingers",
+    "first in the hand: x, y, z (mm)",
+    "w, x, y, z",
+    "second in the hand: x, y, z (mm)",
+    "w, x, y, z",
+    "between the objects (mm)",
+    "joints (rad)",
+)
+
+
+def grasp_row(grasp: Mapping[str, Any]) -> list[str]:
+    """Return the numbers of one merged grasp (a row of a merged table) under ``GRASP_HEADERS``."""
+
+    def joined(values: Any, factor: float, digits: int) -> str:
+        return ", ".join(scaled(value, factor, digits) for value in values)
+
+    poses = [
+        cell
+        for index in (0, 1)
+        for cell in (
+            joined(grasp[f"position_hand_object{index}"], 1000.0, 2),
+            joined(grasp[f"quaternion_hand_object{index}"], 1.0, 4),
+        )
+    ]
+    halves = [f"{grasp[f'grasp{index}_id']}, {grasp[f'fingers{index}']}" for index in (0, 1)]
+    clearance = scaled(grasp["object_clearance"], 1000.0, 2)
+    return [str(grasp["merged_id"]), *halves, *poses, clearance, joined(grasp["q"], 1.0, 3)]
 
 
 def grasp_record(grasp: Mapping[str, Any], links: Sequence[tuple[str, NDArray[np.float64], str]]) -> dict[str, Any]:

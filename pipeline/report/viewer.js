@@ -1,8 +1,8 @@
-// Interactive grasps. The plotting library lies in the page as inert text and is run when the first view is seen;
-// geometry is stored once, every view places it.
+// Interactive grasps. The plotting library and the scenes lie compressed in the page; both are read, and the library is
+// run, when the first view is seen. Geometry is stored once, every view places it.
 "use strict";
 (function () {
-  const data = JSON.parse(document.getElementById("scene-data").textContent);
+  let data; // of all scenes
   const alive = []; // views with a WebGL context, oldest first; browsers allow about sixteen
   const MOST_ALIVE = 6;
 
@@ -15,13 +15,15 @@
     }
   }
 
-  function plotly() {
-    if (!window.Plotly) {
+  let reading; // promise of library and scenes
+  function ready() {
+    reading ??= Promise.all([embedded("plotly-source"), embedded("scene-data")]).then(([source, scenes]) => {
       const script = document.createElement("script");
-      script.textContent = document.getElementById("plotly-source").textContent;
+      script.textContent = source;
       document.head.appendChild(script);
-    }
-    return window.Plotly;
+      data = scenes;
+    });
+    return reading;
   }
 
   function mesh(shape, pose, colour, name) {
@@ -79,7 +81,6 @@
 
   function draw(view) {
     const grasps = data.pairs[view.dataset.pair];
-    const library = plotly();
     let scene = view.querySelector(".scene");
     if (!scene) {
       if (!makeRoom()) return;
@@ -92,7 +93,7 @@
     // Named one by one: among the library's own choice is a button that uploads the chart.
     const buttons = [["orbitRotation", "zoom3d", "pan3d", "resetCameraDefault3d"]];
     const options = { displaylogo: false, responsive: true, modeBarButtons: buttons, plotlyServerURL: "" };
-    library.react(scene, traces(grasps[Number(select.value)]), layout(), options);
+    window.Plotly.react(scene, traces(grasps[Number(select.value)]), layout(), options);
   }
 
   const views = Array.from(document.querySelectorAll(".view[data-pair]"));
@@ -104,8 +105,10 @@
     return;
   }
   let waiting = false;
-  function look() {
+  async function look() {
     waiting = false;
+    if (!views.some(visible)) return;
+    await ready();
     for (const view of views) if (visible(view) && !view.querySelector(".scene")) draw(view);
   }
   function lookSoon() {
@@ -114,5 +117,5 @@
   window.addEventListener("scroll", lookSoon, { passive: true });
   window.addEventListener("resize", lookSoon);
   lookSoon();
-  for (const view of views) view.parentElement.querySelector("select").addEventListener("change", () => draw(view));
+  for (const view of views) view.parentElement.querySelector("select").addEventListener("change", () => ready().then(() => draw(view)));
 })();

@@ -1,3 +1,5 @@
+import base64
+import gzip
 import io
 import json
 import re
@@ -15,13 +17,16 @@ from pipeline.records.parameters.report import ReportParameters
 from pipeline.records.poses import pose_matrix
 from pipeline.report.charts import heat_map, ordered_categories, scale_colour, stacked_bars, table
 from pipeline.report.chosen_trials import choose_trials, chosen_moments
-from pipeline.report.figure_files import heat_map_picture, strip_picture
-from pipeline.report.page import PageContent, Strip, build_page, inert_json
+from pipeline.report.figure_files import contact_sheet, heat_map_picture
+from pipeline.report.harder import PREFIX
+from pipeline.report.page import PageContent, Strip, build_page
 from pipeline.report.rates import pair_merge, pair_trials, single_grasp_funnel
 from pipeline.report.scene import UNIT, fractions, hexadecimal, shape_record, shown_grasps
 from pipeline.report.settings import described
 from pipeline.report.summary import summarize
 from pipeline.report.tables import Tables
+from pipeline.report.trial_rows import trials_table
+from tests.browser import needs_chromium, open_tab
 from tests.report import made_up
 
 ALL_SOURCES = (*paths.SOURCES, paths.RECONSTRUCTED)
@@ -56,6 +61,12 @@ def parsed(html: str) -> Balance:
     return parser
 
 
+def embedded(page: str, name: str):
+    """What a compressed block of the page holds."""
+    (packed,) = re.findall(f'<script type="application/octet-stream" id="{name}">([^<]*)</script>', page)
+    return json.loads(gzip.decompress(base64.b64decode(packed)))
+
+
 class StandIn:
     """What drawing needs of a prepared object."""
 
@@ -88,12 +99,18 @@ def content(tables) -> PageContent:
     merges = [pair_merge(*key, merged) for key, merged in tables.merged.items()]
     trials = {source: [pair_trials("cube", "can", tables.trials[source, "cube"])] for source in ALL_SOURCES}
     learned = made_up.learned("cube", ["can"])
+    harder = made_up.harder("cube", ["can"])
     return PageContent(
         summary=summarize("tiny", funnels, merges, trials, {"demo": made_up.RECONSTRUCTION}, learned),
         funnels=funnels,
         merges=merges,
         trials=trials,
         views=views,
+        trial_tables={
+            (source, "cube", "can"): trials_table(source, "cube", "can", tables.trials[source, "cube"])
+            for source in ALL_SOURCES
+        }
+        | {(PREFIX + harder.name, "cube", "can"): trials_table(PREFIX + harder.name, "cube", "can", harder.rows)},
         shapes=shapes,
         shape_unit=UNIT,
         success_height=0.2,
@@ -103,7 +120,7 @@ def content(tables) -> PageContent:
         settings={"report": list(described("report", settings))},
         learned=learned,
         reconstructed=made_up.reconstructed(),
-        harder=[made_up.harder("cube", ["can"])],
+        harder=[harder],
     )
 
 
@@ -111,7 +128,7 @@ def test_the_page_is_well_formed_and_fetches_nothing(content):
     page = build_page(content, "/* library */")
     parsed(page)
     assert re.findall(r'(?:src|href)="(?!data:|#)[^"]*"', page) == []
-    assert page.count("/* library */") == 1
+    assert embedded(page, "plotly-source") == "/* library */"
     assert page == build_page(content, "/* library */")
 
 
@@ -142,7 +159,8 @@ def test_the_page_shows_the_pair_its_trials_and_the_paper(content):
         assert words in text
     page = build_page(content, "")
     assert 'data-pair="cube--can"' in page
-    assert page.count("data:image/jpeg;base64,") == 1 + len(ALL_SOURCES) * (2 + 2) + 2  # grasp, trials, capture
+    assert page.count("data:image/webp;base64,") == 1 + len(ALL_SOURCES) * (2 + 2)  # grasp, trials
+    assert page.count("data:image/jpeg;base64,") == 2  # capture
 
 
 def test_objects_from_photos_have_figures_and_pictures(content):
@@ -162,8 +180,41 @@ def test_objects_from_photos_have_figures_and_pictures(content):
 def test_library_and_data_cannot_end_their_elements(content):
     page = build_page(content, 'x = "</script><b>"')
     parsed(page)
-    assert json.loads(inert_json({"a": "</script><!--"})) == {"a": "</script><!--"}
-    assert "<" not in inert_json({"a": "</script>"})
+    assert embedded(page, "plotly-source") == 'x = "</script><b>"'
+
+
+def test_every_cell_of_a_heat_map_leads_to_the_trials_of_its_pair(content, tables):
+    page = build_page(content, "")
+    cells = re.findall(r'<table class="heat">.*?</table>', page, re.DOTALL)
+    assert len(cells) == len(ALL_SOURCES)
+    stored = embedded(page, "table-data")
+    for source, cell in zip(ALL_SOURCES, cells, strict=True):
+        (target,) = re.findall(r'href="#([^"]+)"', cell)
+        assert page.count(f'<details class="folded" id="{target}">') == 1
+        kind, rows = stored["tables"][target]
+        headers = stored["headers"][kind]
+        trials = tables.trials[source, "cube"].set_index("trial")
+        assert [int(row[0]) for row in rows] == list(trials.index)
+        for row in rows:
+            told, trial = dict(zip(headers, row, strict=True)), trials.loc[int(row[0])]
+            assert told["outcome"] == ("success" if trial["success"] else trial["reason"])
+            assert told["seed"] == str(trial["seed"])
+            height = trial["height0"]
+            assert told["first up (cm)"] == ("–" if height is None else f"{round(100 * height, 1) + 0.0:.1f}")
+            assert told["run again"] == f"./dev replay {source}/cube/can/{row[0]}"
+    assert set(re.findall(r'href="#([^"]+)"', page)) <= set(re.findall(r' id="([^"]+)"', page))
+
+
+def test_every_figure_has_its_numbers_as_a_table(content):
+    page = build_page(content, "")
+    for section in re.findall(r"<section.*?</section>", page, re.DOTALL):
+        figures = section.count('<table class="heat">') + section.count("<svg")
+        assert section.count('<details class="numbers">') >= figures, section[:80]
+        views = section.count('class="view" data-pair')
+        assert section.count('id="grasps-') == views
+    kind, rows = embedded(page, "table-data")["tables"]["grasps-cube--can"]
+    shown = [grasp["merged_id"] for grasp in content.views[0].grasps]
+    assert [int(row[0]) for row in rows] == shown
 
 
 def test_placed_geometry_is_where_the_table_says(content):
@@ -227,7 +278,9 @@ def test_bars_add_up_to_their_width():
 
 def test_names_are_escaped():
     assert "<b>" not in table(["<b>"], [["<b>", "<b>"]], "<b>")
-    assert "<i>" not in heat_map(["<i>"], ["<i>"], {("<i>", "<i>"): 0.5}, {("<i>", "<i>"): "<i>"})
+    assert "<i>" not in heat_map(
+        ["<i>"], ["<i>"], {("<i>", "<i>"): 0.5}, {("<i>", "<i>"): "<i>"}, {("<i>", "<i>"): "<i>"}
+    )
 
 
 def test_colours_run_from_pale_to_dark():
@@ -240,8 +293,10 @@ def test_picture_files_are_the_same_every_time(content):
     pairs = content.trials["synthesized"]
     first = heat_map_picture(pairs)
     assert first == heat_map_picture(pairs) and first.startswith(b"\x89PNG")
-    sheet = Image.open(io.BytesIO(strip_picture(content.views[0].strips[0])))
+    pictures = [np.zeros((64, 64, 3), np.uint8)] * 2
+    sheet = Image.open(io.BytesIO(contact_sheet(pictures, ["settle", "hold"])))
     assert sheet.size == (2 * 64, 64 + 24)
+    assert Image.open(io.BytesIO(content.views[0].strips[0].sheet)).size == sheet.size
 
 
 def test_strips_name_the_outcome(content):
@@ -253,3 +308,31 @@ def test_strips_name_the_outcome(content):
     assert number and success.replay.endswith(f"/{number[1]}") and success.replay in build_page(content, "")
     assert isinstance(success, Strip) and not success.failed and failure.failed
     assert success.captions == ["settle", "hold"]
+
+
+@pytest.mark.render
+@needs_chromium
+def test_a_browser_draws_the_page_follows_a_cell_and_prints_without_a_network(content, tmp_path):
+    from plotly.offline import get_plotlyjs
+
+    (tmp_path / "index.html").write_text(build_page(content, get_plotlyjs()), encoding="utf-8")
+    with open_tab(1200, 900) as tab:
+        tab.go_to((tmp_path / "index.html").as_uri())
+        assert tab.evaluate("window.Plotly === undefined"), "the library is read when a view is seen, and not before"
+        tab.evaluate("document.querySelector('table.heat a').click()")
+        tab.wait("document.querySelectorAll('#trials-synthesized-cube--can tbody tr').length == 3")
+        assert "./dev replay synthesized/cube/can/0" in tab.evaluate("document.body.innerText")
+        tab.evaluate("document.querySelector('.view').scrollIntoView({block: 'center', behavior: 'instant'})")
+        tab.wait("document.querySelector('.view .scene canvas')")
+        tab.rest()
+        tab.take_picture(tmp_path / "seen.png")
+        tab.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+        tab.call("Emulation.setEmulatedMedia", media="print")
+        tab.rest()
+        shown = "[...document.querySelectorAll('#pairs img')].every(i => i.naturalWidth && i.offsetWidth)"
+        assert tab.evaluate(shown), "pictures stand on paper where a browser turns scenes"
+        assert not tab.evaluate("[...document.querySelectorAll('.view .scene')].some(scene => scene.offsetWidth)")
+        assert tab.evaluate("[...document.querySelectorAll('details.numbers')].every(fold => fold.open)")
+        assert tab.console_errors == [] and tab.failed_requests == []
+    colours = np.unique(np.asarray(Image.open(tmp_path / "seen.png").convert("RGB")).reshape(-1, 3), axis=0)
+    assert len(colours) > 500, "a scene with light and shade"
