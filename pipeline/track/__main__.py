@@ -12,9 +12,10 @@ from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters
 from pipeline.records.running import run_stage
-from pipeline.records.writing import write_json
+from pipeline.records.writing import whole_file, write_json
 
 LOCK_FILE, STAGES_FILE = Path("dvc.lock"), Path("dvc.yaml")
+SURVIVAL_TABLE, SUCCESS_TABLE = Path("reports/survival.csv"), Path("reports/success.csv")
 
 
 def sections() -> list[str]:
@@ -53,6 +54,7 @@ def work() -> None:
     from pipeline.track.files import curve_of_csv, mapping_of_json, mapping_of_yaml
     from pipeline.track.lock import flatten, locked_stages, stage_names
     from pipeline.track.origin import origin_tags, record_root, run_name
+    from pipeline.track.rates import csv_text, success_rows, survival_rows
     from pipeline.track.record import build_record
     from pipeline.track.runs import Origin, write_record
 
@@ -70,6 +72,12 @@ def work() -> None:
     origin = Origin(name=run_name(record.key), tags=origin_tags(here), files=files)
     done = write_record(record_root(here), parameters["track"]["experiment"], record, origin)
     print(f"track: result {record.key[:12]} {done}")
+    for table, header, rows in (
+        (SURVIVAL_TABLE, "object", survival_rows(summary)),
+        (SUCCESS_TABLE, "pair", success_rows(summary)),
+    ):
+        with whole_file(table) as temporary:
+            temporary.write_text(csv_text(header, rows))
     write_json(paths.TRACKING_FILE, record.counts())
 
 
