@@ -34,14 +34,6 @@ def record(key: str = "k1", merge: str = "m1") -> Record:
     )
 
 
-@pytest.fixture(scope="session")
-def empty_database(tmp_path_factory):
-    """A new database without experiments; making one takes seconds."""
-    root = tmp_path_factory.mktemp("database")
-    store.open_client(root).search_experiments()
-    return root / "mlflow.db"
-
-
 @pytest.fixture
 def root(empty_database, tmp_path):
     shutil.copy(empty_database, tmp_path / "mlflow.db")
