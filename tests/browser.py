@@ -22,6 +22,7 @@ from websockets.sync.connection import Connection
 
 PATIENCE = 120.0  # seconds that a page may take to be ready, on a machine that does other things as well
 QUIET = 0.7  # seconds without a request after which a page has come to rest
+FORGOTTEN = 5.0  # seconds after which an open request is not waited for: the end of a worker's script is never told
 FLAGS = (
     "--headless=new",
     "--no-sandbox",  # Chromium refuses to run as root with one
@@ -71,7 +72,7 @@ class _Tab:
     failed_requests: list[str] = field(default_factory=list)
     loaded: bool = False
     _urls: dict[str, str] = field(default_factory=dict)
-    _open: set[str] = field(default_factory=set)
+    _open: dict[str, float] = field(default_factory=dict)
     _count: int = 0
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
@@ -95,14 +96,17 @@ class _Tab:
 
     def listen(self, seconds: float) -> bool:
         """Take events for so long; return whether the network was at rest."""
-        end, quiet = time.monotonic() + seconds, not self._open
+        end, quiet = time.monotonic() + seconds, self._rests()
         while (left := end - time.monotonic()) > 0:
             try:
                 self._take(json.loads(self.connection.recv(timeout=left)))
             except TimeoutError:
                 break
-            quiet = quiet and not self._open
-        return quiet and not self._open
+            quiet = quiet and self._rests()
+        return quiet and self._rests()
+
+    def _rests(self) -> bool:
+        return all(time.monotonic() - begin > FORGOTTEN for begin in self._open.values())
 
     def _take(self, message: dict[str, Any]) -> None:
         content = message.get("params", {})
@@ -120,14 +124,14 @@ class _Tab:
                 self.console_errors.append(" ".join([entry["text"], entry.get("url", "")]).strip())
             case "Network.requestWillBeSent":
                 self._urls[content["requestId"]] = content["request"]["url"]
-                self._open.add(content["requestId"])
+                self._open[content["requestId"]] = time.monotonic()
             case "Network.responseReceived":
                 if content["response"]["status"] >= 400:
                     self.failed_requests.append(f"{content['response']['status']} {content['response']['url']}")
             case "Network.loadingFinished":
-                self._open.discard(content["requestId"])
+                self._open.pop(content["requestId"], None)
             case "Network.loadingFailed":
-                self._open.discard(content["requestId"])
+                self._open.pop(content["requestId"], None)
                 if not content.get("canceled"):
                     url = self._urls.get(content["requestId"], "")
                     self.failed_requests.append(f"{content['errorText']} {url}")
