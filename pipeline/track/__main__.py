@@ -84,7 +84,7 @@ def work() -> None:
 def work_all() -> int:
     """Record what git's history holds and return the exit code: 2 after one sentence when it cannot be done."""
     try:
-        parameters = load_parameters(["track"])
+        parameters = load_parameters(sections())
         from pipeline.track.backfill import record_all
 
         print(f"track: {record_all(Path.cwd(), parameters['track'].experiment)}")

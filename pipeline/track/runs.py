@@ -184,10 +184,9 @@ def _log_curve(
 ) -> None:
     from mlflow.entities import Metric
 
+    # One millisecond per step, as MLflow first draws a curve over time. The key is not that of the final figure.
     points = [
-        Metric(
-            f"{prefix}.{name}", float(row[name]), origin.milliseconds, int(row["step"])
-        )  # not the final figure's key
+        Metric(f"{prefix}.{name}", float(row[name]), origin.milliseconds + int(row["step"]), int(row["step"]))
         for row in curve
         for name in sorted(row)
         if name != "step"
