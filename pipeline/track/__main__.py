@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +12,10 @@ from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters
 from pipeline.records.running import run_stage
-from pipeline.records.texts import parse_json, parse_yaml
-from pipeline.records.writing import write_json
+from pipeline.records.writing import whole_file, write_json
 
-LOCK_FILE = Path("dvc.lock")
+LOCK_FILE, STAGES_FILE = Path("dvc.lock"), Path("dvc.yaml")
+SURVIVAL_TABLE, SUCCESS_TABLE = Path("reports/survival.csv"), Path("reports/success.csv")
 
 
 def sections() -> list[str]:
@@ -23,57 +25,18 @@ def sections() -> list[str]:
     return [*shown, *single, "merge", "train", "evaluate", "harder", "reconstruct", "report", "track"]
 
 
-def read_json(source: Path, made_by: str) -> dict[str, Any]:
-    """Read a JSON file that another stage wrote.
+def read_file(source: Path, parse: Callable[[str], Any], mend: str) -> Any:
+    """Return the parsed content of a file that another stage, or DVC, wrote.
 
     Raises:
         UserError: it is missing or damaged.
     """
-    mend = f"run `dvc repro -f -s {made_by}` to make it again"
     try:
-        content = parse_json(source.read_text())
+        return parse(source.read_text())
     except FileNotFoundError as error:
         raise UserError(f"{source} is missing; {mend}.") from error
     except ValueError as error:
         raise UserError(f"{source} is damaged; delete it and {mend}.") from error
-    if not isinstance(content, dict):
-        raise UserError(f"{source} is damaged; delete it and {mend}.")
-    return content
-
-
-def read_lock() -> dict[str, Any]:
-    """Read ``dvc.lock``, which DVC keeps up to date for every stage that ended before this one.
-
-    Raises:
-        UserError: it is missing or damaged.
-    """
-    import yaml
-
-    try:
-        content = parse_yaml(LOCK_FILE.read_text())
-    except FileNotFoundError as error:
-        raise UserError(f"{LOCK_FILE} is missing; run `dvc repro`, which writes it.") from error
-    except yaml.YAMLError as error:
-        raise UserError(f"{LOCK_FILE} is damaged; `git checkout {LOCK_FILE}` and run `dvc repro` again.") from error
-    if not isinstance(content, dict):
-        raise UserError(f"{LOCK_FILE} is damaged; `git checkout {LOCK_FILE}` and run `dvc repro` again.")
-    return content
-
-
-def read_curve() -> list[dict[str, float]]:
-    """Read the losses on the way of the training.
-
-    Raises:
-        UserError: the file is missing or damaged.
-    """
-    import csv
-
-    source = paths.MODEL_FOLDER / "history.csv"
-    try:
-        with source.open(newline="") as lines:
-            return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(lines)]
-    except (OSError, ValueError, TypeError) as error:
-        raise UserError(f"{source} is missing or damaged; run `dvc repro train` to make it again.") from error
 
 
 def plain(value: Any) -> Any:
@@ -88,40 +51,60 @@ def plain(value: Any) -> Any:
 def work() -> None:
     """Read the summary, the parameters and ``dvc.lock``, and record them."""
     parameters = {name: plain(content) for name, content in load_parameters(sections()).items()}
+    from pipeline.track.files import curve_of_csv, mapping_of_json, mapping_of_yaml
     from pipeline.track.lock import flatten, locked_stages, stage_names
-    from pipeline.track.origin import origin_tags
+    from pipeline.track.origin import origin_tags, record_root, run_name
+    from pipeline.track.rates import csv_text, success_rows, survival_rows
     from pipeline.track.record import build_record
-    from pipeline.track.store import write_record
+    from pipeline.track.runs import Origin, write_record
 
-    summary = read_json(paths.SUMMARY_FILE, "report")
-    names = stage_names(
-        parameters["styles"],
-        parameters["objects"],
-        parameters["meshes"],
-        paths.SOURCES,
-        parameters["renderings"],
-        parameters["captures"],
-        parameters["reconstructed"],
-        parameters["harder"]["settings"],
-    )
-    durations = read_json(paths.DURATIONS_FILE, "report") if paths.DURATIONS_FILE.exists() else {}
-    curves = {"train": read_curve()}
-    record = build_record(summary, flatten(parameters), locked_stages(read_lock(), names), durations, curves)
-    pages = [paths.REPORT_PAGE, paths.SUMMARY_FILE]
-    new = write_record(
-        Path.cwd(),
-        parameters["track"]["experiment"],
-        record,
-        origin_tags(Path.cwd()),
-        [page for page in pages if page.exists()],
-    )
-    print(f"track: result {record.key[:12]} " + ("recorded" if new else "was recorded before, nothing added"))
+    again = "run `dvc repro -f -s report` to make it again"
+    summary = read_file(paths.SUMMARY_FILE, mapping_of_json, again)
+    durations = read_file(paths.DURATIONS_FILE, mapping_of_json, again) if paths.DURATIONS_FILE.exists() else {}
+    lock = read_file(LOCK_FILE, mapping_of_yaml, f"`git checkout {LOCK_FILE}` and run `dvc repro` again")
+    declared = read_file(STAGES_FILE, mapping_of_yaml, f"`git checkout {STAGES_FILE}`")
+    curve = read_file(paths.MODEL_FOLDER / "history.csv", curve_of_csv, "run `dvc repro train` to make it again")
+    stages = locked_stages(lock, stage_names(declared, parameters))
+    record = build_record(summary, flatten(parameters), stages, durations, {"train": curve})
+    kept = [paths.REPORT_PAGE, paths.SUMMARY_FILE, paths.PARAMETERS_FILE, LOCK_FILE]
+    files = [file for file in kept if file.exists()]
+    here = Path.cwd()
+    origin = Origin(name=run_name(record.key), tags=origin_tags(here), files=files)
+    done = write_record(record_root(here), parameters["track"]["experiment"], record, origin)
+    print(f"track: result {record.key[:12]} {done}")
+    for table, header, rows in (
+        (SURVIVAL_TABLE, "object", survival_rows(summary)),
+        (SUCCESS_TABLE, "pair", success_rows(summary)),
+    ):
+        with whole_file(table) as temporary:
+            temporary.write_text(csv_text(header, rows))
     write_json(paths.TRACKING_FILE, record.counts())
 
 
+def work_all() -> int:
+    """Record what git's history holds and return the exit code: 2 after one sentence when it cannot be done."""
+    try:
+        parameters = load_parameters(sections())
+        from pipeline.track.backfill import record_all
+
+        print(f"track: {record_all(Path.cwd(), parameters['track'].experiment)}")
+    except UserError as error:
+        print(f"track: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
 def main() -> int:
-    """Parse the command line and run the stage."""
-    argparse.ArgumentParser(prog="python -m pipeline.track", description=__doc__).parse_args()
+    """Parse the command line and run the stage, or record the past."""
+    parser = argparse.ArgumentParser(prog="python -m pipeline.track", description=__doc__)
+    parser.add_argument(
+        "--all",
+        action="store_true",
+        help="record every distinct result of git's history and of DVC's experiments instead, in order of time, as a "
+        "fresh clone's MLflow is empty; what is recorded stays, so that it can be run again at any time",
+    )
+    if parser.parse_args().all:
+        return work_all()
     return run_stage("track", work)
 
 

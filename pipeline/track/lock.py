@@ -1,14 +1,17 @@
-"""What ``dvc.lock`` says about the stages of this run: pure functions over its parsed content."""
+"""What ``dvc.yaml`` and ``dvc.lock`` say about the stages of a run: pure functions over their parsed content."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 HARDER = "evaluate-harder"  # its items are settings, not objects
+OWN_STAGE = "track"
+CODE_FOLDER = "pipeline/"
 
 
 @dataclass(frozen=True)
@@ -19,6 +22,7 @@ class LockedStage:
     parameters: dict[str, Any]  # flat, as the stage declared them
     outputs: dict[str, str]  # path -> hash
     fingerprint: str  # of dependencies, parameters and outputs: equal for a stage that was reused
+    inputs: dict[str, str] = field(default_factory=dict)  # path -> hash of what it read, code left out
 
 
 def digest(content: Any) -> str:
@@ -44,27 +48,37 @@ def flatten(content: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
-def stage_names(
-    styles: Mapping[str, Iterable[str]],
-    objects: Iterable[str],
-    meshes: Iterable[str],
-    sources: Iterable[str],
-    renderings: Iterable[str] = (),
-    captures: Iterable[str] = (),
-    reconstructed: Iterable[str] = (),
-    harder: Iterable[str] = (),
-) -> list[str]:
-    """Return the DVC names of all stages before ``track`` in order; ``dvc.lock`` also keeps stages that are gone."""
-    names = [f"prepare@{name}" for name in objects] + [f"prepare-mesh@{name}" for name in meshes]
-    for stage in ("synthesize", "validate"):
-        names += [f"{stage}-{style}@{name}" for style, members in styles.items() for name in members]
-    names += [f"merge@{first}" for first in styles["pinch"]]
-    names += ["train", *(f"sample@{first}" for first in styles["pinch"])]
-    names += [f"evaluate-{source}@{first}" for source in sources for first in styles["pinch"]]
-    names += [f"capture@{name}" for name in renderings] + [f"reconstruct@{name}" for name in captures]
-    names += [f"{stage}-reconstructed@{first}" for stage in ("sample", "evaluate") for first in reconstructed]
-    names += [f"{HARDER}@{setting}" for setting in harder]
-    return [*names, "report"]
+def stage_names(declared: Mapping[str, Any], parameters: Mapping[str, Any]) -> list[str]:
+    """Return the DVC names of all stages but ``track`` in the order of ``dvc.yaml``.
+
+    ``dvc.lock`` alone would not do: it also keeps stages that are gone.
+
+    Args:
+        declared: content of ``dvc.yaml``.
+        parameters: content of ``params.yaml``, in which the items of a ``foreach`` stand.
+
+    Raises:
+        ValueError: the items of a stage cannot be found.
+    """
+    names = []
+    for name, entry in (declared.get("stages") or {}).items():
+        if "matrix" in entry:
+            raise ValueError(f"stage {name} is a matrix, which the record does not know")
+        items = _items(entry["foreach"], parameters) if "foreach" in entry else None
+        names += [name] if items is None else [f"{name}@{item}" for item in items]
+    return [name for name in names if name != OWN_STAGE]
+
+
+def _items(foreach: Any, parameters: Mapping[str, Any]) -> Iterable[Any]:
+    content = foreach
+    if isinstance(foreach, str):
+        place = re.fullmatch(r"\$\{([\w.]+)\}", foreach.strip())
+        content = parameters if place else None
+        for key in place[1].split(".") if place else ():
+            content = content.get(key) if isinstance(content, Mapping) else None
+    if not isinstance(content, Mapping | list):
+        raise ValueError(f"params.yaml does not hold what dvc.yaml lists as {foreach}")
+    return content
 
 
 def locked_stages(lock: Mapping[str, Any], names: Iterable[str]) -> list[LockedStage]:
@@ -85,6 +99,7 @@ def _locked(name: str, entry: Mapping[str, Any]) -> LockedStage:
     dependencies = _hashes(entry.get("deps") or [])
     return LockedStage(
         name=name,
+        inputs={path: text for path, text in dependencies.items() if not path.startswith(CODE_FOLDER)},
         parameters=parameters,
         outputs=outputs,
         fingerprint=digest([name, dependencies, parameters, outputs]),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
@@ -22,6 +22,8 @@ class StageRecord:
     metrics: dict[str, float]  # of this stage, without the stage's own prefix
     durations: dict[str, float]  # empty when unknown
     curve: tuple[dict[str, float], ...] = ()  # metrics on the way, each with its ``step``
+    inputs: Mapping[str, str] = field(default_factory=dict)  # path -> DVC's hash of the data that it read
+    outputs: Mapping[str, str] = field(default_factory=dict)  # and wrote
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,12 @@ class Record:
     parameters: dict[str, Any]
     metrics: dict[str, float]
     stages: list[StageRecord]
+
+    def data_versions(self) -> dict[str, str]:
+        """Return DVC's hash of everything that the stages wrote, but for the report."""
+        return {
+            path: text for stage in self.stages if stage.name not in UNKEYED for path, text in stage.outputs.items()
+        }
 
     def counts(self) -> dict[str, int | str]:
         """Return the content of ``reports/tracking.json``: the key and how much was recorded under it."""
@@ -52,13 +60,14 @@ def numbers(summary: Mapping[str, Any]) -> dict[str, float]:
     }
 
 
-def result_key(summary: Mapping[str, Any], parameters: Mapping[str, Any], stages: Sequence[LockedStage]) -> str:
-    """Return the identity of a result: its figures, its parameters and the hashes of what the stages put out.
+def result_key(summary: Mapping[str, Any], stages: Sequence[LockedStage]) -> str:
+    """Return the identity of a result: its figures, and the parameters and hashes of outputs of all stages.
 
-    Code is left out on purpose: a changed comment gives the same result.
+    Code is left out on purpose: a changed comment gives the same result. All of it stands in files that are committed,
+    so that a result has the same identity when it is read from git's history.
     """
-    outputs = {stage.name: stage.outputs for stage in stages if stage.name not in UNKEYED}
-    return digest([summary, parameters, outputs])
+    content = {stage.name: [stage.parameters, {} if stage.name in UNKEYED else stage.outputs] for stage in stages}
+    return digest([summary, content])
 
 
 def stage_metrics(stage: str, metrics: Mapping[str, float]) -> dict[str, float]:
@@ -93,7 +102,7 @@ def build_record(
     """
     metrics = numbers(summary)
     return Record(
-        key=result_key(summary, parameters, stages),
+        key=result_key(summary, stages),
         parameters=dict(parameters),
         metrics=metrics,
         stages=[
@@ -104,6 +113,8 @@ def build_record(
                 metrics=stage_metrics(stage.name, metrics),
                 durations={name: float(value) for name, value in durations.get(stage.name, {}).items()},
                 curve=tuple(dict(row) for row in curves.get(stage.name, ())),
+                inputs=stage.inputs,
+                outputs=stage.outputs,
             )
             for stage in stages
         ],

@@ -109,7 +109,8 @@ def test_missing_object_is_one_sentence(workplace, capsys):
     [
         ({"contacts": {"thumb+index": 1}}, "at least 2"),
         ({"contacts": {"index+thumb": 2}}, "thumb\\+index"),
-        ({"contacts": {"thumb+index": 2, "thumb+ring": 2}}, "thumb\\+ring"),
+        ({"contacts": {"thumb+index": 2, "thumb+rign": 2}}, "no finger is called 'rign'"),
+        ({"contacts": {"thumb+index": 2, "index+thumb": 2}}, "another order"),
         ({"finger_sets": [["thumb", "thumb"]], "contacts": {"thumb+thumb": 2}}, "twice"),
         ({"links": {"thumb+middle": ["link_3.0"]}}, "thumb\\+middle"),
         ({"distance_from_palm": [0.2, 0.1]}, "smaller distance first"),
@@ -119,3 +120,8 @@ def test_finger_sets_that_cannot_hold_are_refused(changes, message):
     values = {"finger_sets": [["thumb", "index"]], "contacts": {"thumb+index": 2}} | changes
     with pytest.raises(ValidationError, match=message):
         StyleParameters(**values)
+
+
+def test_a_set_that_is_not_in_use_keeps_its_entries():
+    contacts, links = {"thumb+index": 2, "thumb+middle": 2}, {"thumb+middle": ["link_7.0"]}
+    assert StyleParameters(finger_sets=[["thumb", "index"]], contacts=contacts, links=links).contacts == contacts

@@ -1,6 +1,9 @@
+import csv
+
 import pytest
 
 from pipeline.track.lock import digest, flatten, locked_stages, stage_names
+from pipeline.track.rates import csv_text, success_rows, survival_rows
 from pipeline.track.record import build_record, numbers, stage_metrics
 
 LOCK = {
@@ -8,7 +11,7 @@ LOCK = {
     "stages": {
         "merge@cube": {
             "cmd": "python -m pipeline.merge --object cube",
-            "deps": [{"path": "pipeline/merge", "md5": "aa.dir"}],
+            "deps": [{"path": "pipeline/merge", "md5": "aa.dir"}, {"path": "data/validate/side", "md5": "dd"}],
             "params": {"params.yaml": {"seed": 1, "merge": {"grasps_per_pair": 4}}},
             "outs": [{"path": "data/merge/cube", "md5": "bb.dir"}],
         },
@@ -16,7 +19,18 @@ LOCK = {
         "report": {"cmd": "x", "outs": [{"path": "reports/index.html", "md5": "cc"}]},
     },
 }
-NAMES = stage_names({"pinch": ["cube"], "side": ["can", "mug"]}, ["cube", "can"], ["mug"], ["synthesized"])
+DECLARED = {
+    "stages": {
+        "prepare": {"foreach": "${objects}", "do": {}},
+        "prepare-mesh": {"foreach": "${meshes}", "do": {}},
+        "merge": {"foreach": "${styles.pinch}", "do": {}},
+        "train": {"cmd": "x"},
+        "report": {"cmd": "x"},
+        "track": {"cmd": "x"},
+    }
+}
+PARAMETERS = {"styles": {"pinch": ["cube"]}, "objects": {"cube": {}, "can": {}}, "meshes": {}}
+NAMES = stage_names(DECLARED, PARAMETERS)
 
 
 def stages(lock=LOCK):
@@ -35,11 +49,23 @@ def test_flat_parameters():
 def test_only_live_stages_are_taken_from_the_lock():
     assert [stage.name for stage in stages()] == ["merge@cube", "report"]
     assert stages()[0].parameters == {"seed": 1, "merge.grasps_per_pair": 4}
-    assert NAMES[:4] == ["prepare@cube", "prepare@can", "prepare-mesh@mug", "synthesize-pinch@cube"]
+    assert NAMES == ["prepare@cube", "prepare@can", "merge@cube", "train", "report"]
+    assert stages()[0].inputs == {"data/validate/side": "dd"} and stages()[0].outputs == {"data/merge/cube": "bb.dir"}
 
 
-def test_harder_settings_are_stages_too():
-    assert stage_names({"pinch": ["cube"]}, [], [], [], harder=["icy"])[-2:] == ["evaluate-harder@icy", "report"]
+def test_the_names_of_stages_are_those_that_dvc_makes(repository):
+    import yaml
+    from dvc.repo import Repo
+
+    declared, parameters = (yaml.safe_load((repository / name).read_text()) for name in ("dvc.yaml", "params.yaml"))
+    made = {stage.addressing for stage in Repo(str(repository)).index.stages}
+    assert {*stage_names(declared, parameters), "track"} == made
+
+
+@pytest.mark.parametrize("entry", [{"foreach": "${nothing}"}, {"foreach": "some ${objects}"}, {"matrix": {"a": [1]}}])
+def test_stages_whose_items_cannot_be_told_are_refused(entry):
+    with pytest.raises(ValueError, match="nothing|objects|matrix"):
+        stage_names({"stages": {"x": entry}}, PARAMETERS)
 
 
 @pytest.mark.parametrize(
@@ -55,12 +81,34 @@ def test_a_stage_with_other_inputs_or_outputs_is_another(key, value):
 
 
 def test_the_key_follows_the_result_and_not_the_code():
-    def key(summary=None, parameters=None, lock=LOCK):
-        return build_record(summary or {"a": 1}, parameters or {"seed": 1}, stages(lock), {}).key
+    def key(summary=None, lock=LOCK):
+        return build_record(summary or {"a": 1}, {}, stages(lock), {}).key
 
     page = {**LOCK, "stages": {**LOCK["stages"], "report": {"outs": [{"path": "reports/index.html", "md5": "dd"}]}}}
     assert key() == key(lock=changed("deps", [])) == key(lock=page)
-    assert len({key(), key({"a": 2}), key(None, {"seed": 2}), key(lock=changed("outs", []))}) == 4
+    other_seed = changed("params", {"params.yaml": {"seed": 2}})
+    assert len({key(), key({"a": 2}), key(lock=other_seed), key(lock=changed("outs", []))}) == 4
+
+
+def test_data_versions_are_of_all_outputs_but_the_report():
+    assert build_record({}, {}, stages(), {}).data_versions() == {"data/merge/cube": "bb.dir"}
+
+
+def test_rates_are_tables_of_objects_and_pairs():
+    summary = {
+        "validate.pinch.cube.survival_rate": 0.5,
+        "validate.pinch.cube.survival_rate_of_passed": 0.9,
+        "validate.survival_rate_mean": 0.5,
+        "evaluate.learned.cube--soup_can.success_rate": 1,
+        "evaluate.learned.cube--soup_can.success_rate_10cm": 0.5,
+        "evaluate.harder.icy.cube--soup_can.success_rate": 0.25,
+        "evaluate.harder.icy.success_rate_mean": 0.25,
+        "scale": "demo",
+    }
+    assert survival_rows(summary) == [("cube, pinch", 0.5)]
+    assert success_rows(summary) == [("cube, soup_can: icy", 0.25), ("cube, soup_can: learned", 1.0)]
+    lines = csv.reader(csv_text("object", survival_rows(summary)).splitlines())
+    assert list(lines) == [["object", "rate"], ["cube, pinch", "0.5"]]
 
 
 def test_metrics_go_to_the_stage_that_they_are_of():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Literal, Self, get_args
 
 from pydantic import Field, model_validator
 
@@ -153,10 +153,15 @@ class StyleParameters(Section):
                 raise ValueError(f"the finger set {key} names a finger twice")
             if self.contacts.get(key, 0) < len(fingers):
                 raise ValueError(f"contacts needs an entry {key!r} of at least {len(fingers)}, one per finger")
-        for name in ("contacts", "links"):
-            unknown = sorted(set(getattr(self, name)) - set(keys))
-            if unknown:
-                raise ValueError(f"{name} names {unknown[0]!r}, which is not in finger_sets; it has {', '.join(keys)}")
+        # A set that is not in use keeps its entries, so that `finger_sets` alone says which are.
+        for key in self.contacts:
+            fingers_named = key.split("+")
+            if strange := sorted(set(fingers_named) - set(get_args(Finger))):
+                raise ValueError(f"contacts names {key!r}, but no finger is called {strange[0]!r}")
+            if key not in keys and sorted(fingers_named) in [sorted(fingers) for fingers in self.finger_sets]:
+                raise ValueError(f"contacts names {key!r}, which finger_sets has in another order: {', '.join(keys)}")
+        if unknown := sorted(set(self.links) - set(self.contacts)):
+            raise ValueError(f"links names {unknown[0]!r}, which is not in contacts; it has {', '.join(self.contacts)}")
         if not 0 < self.distance_from_palm[0] <= self.distance_from_palm[1]:
             raise ValueError("distance_from_palm is a positive range, the smaller distance first")
         return self

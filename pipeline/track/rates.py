@@ -1,0 +1,31 @@
+"""Rates per object and per pair as small tables, which `dvc plots` draws and git keeps."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+SURVIVAL = re.compile(r"validate\.(\w+)\.(\w+)\.survival_rate")
+SUCCESS = re.compile(r"evaluate\.(\w+)\.(\w+)--(\w+)\.success_rate")
+HARDER_SUCCESS = re.compile(r"evaluate\.harder\.(\w+)\.(\w+)--(\w+)\.success_rate")
+
+
+def survival_rows(summary: Mapping[str, Any]) -> list[tuple[str, float]]:
+    """Return (object, share of its chains that physics accepts), such as ``("cube, pinch", 0.755)``, sorted."""
+    found = ((SURVIVAL.fullmatch(key), value) for key, value in summary.items())
+    return sorted((f"{match[2]}, {match[1]}", float(value)) for match, value in found if match)
+
+
+def success_rows(summary: Mapping[str, Any]) -> list[tuple[str, float]]:
+    """Return (pair, share of its trials that lift both objects), such as ``("cube, can: learned", 1.0)``, sorted."""
+    rows = []
+    for key, value in summary.items():
+        if match := SUCCESS.fullmatch(key) or HARDER_SUCCESS.fullmatch(key):
+            rows.append((f"{match[2]}, {match[3]}: {match[1]}", float(value)))
+    return sorted(rows)
+
+
+def csv_text(header: str, rows: list[tuple[str, float]]) -> str:
+    """Return the table as text; names hold commas, and are quoted."""
+    return "".join([f"{header},rate\n", *(f'"{name}",{rate}\n' for name, rate in rows)])
