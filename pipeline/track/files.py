@@ -33,7 +33,7 @@ def mapping_of_yaml(text: str | bytes) -> dict[str, Any]:
         ValueError: it does not.
     """
     try:
-        content = parse_yaml(text, _LOADER)
+        content = parse_yaml(text if isinstance(text, str) else text.decode(), _LOADER)
     except yaml.YAMLError as error:
         raise ValueError(str(error)) from error
     if not isinstance(content, dict):
