@@ -159,6 +159,8 @@ def copy_of_sources(repository: Path, target: Path) -> WorkingCopy:
         "reports/summary.json",
         "reports/tracking.json",
         "reports/durations.json",
+        "reports/survival.csv",
+        "reports/success.csv",
     }
     for name in filter(None, listed.split("\0")):
         if (repository / name).is_file() and name not in results:

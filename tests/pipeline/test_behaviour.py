@@ -76,6 +76,8 @@ def test_a_run_changes_only_records_in_git(finished):
         "reports/summary.json",
         "reports/tracking.json",
         "reports/durations.json",
+        "reports/survival.csv",
+        "reports/success.csv",
     }
     assert finished.git("status", "--porcelain") == ""
 
