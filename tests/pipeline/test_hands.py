@@ -94,6 +94,11 @@ def test_everything_is_refused_where_it_begins(with_dclaw, capsys):
     [
         ("hand", "claw", "hand: there is no hand 'claw'; describe it in hands/claw/hand.yaml, or use one of allegro"),
         (
+            "synthesize.pinch.contacts",
+            {"one+two": 2, "one+three": 2, "two+three": 2, "one+two+three": 3, "one+tow": 2},
+            "synthesize.pinch.contacts names 'tow', which is no finger of the hand dclaw; it has one",
+        ),
+        (
             "synthesize.pinch.finger_sets",
             [["one", "thumb"]],
             "'thumb', which is no finger of the hand dclaw; it has one",

@@ -109,7 +109,6 @@ def test_missing_object_is_one_sentence(workplace, capsys):
     [
         ({"contacts": {"thumb+index": 1}}, "at least 2"),
         ({"contacts": {"index+thumb": 2}}, "thumb\\+index"),
-        ({"contacts": {"thumb+index": 2, "thumb+rign": 2}}, "no finger is called 'rign'"),
         ({"contacts": {"thumb+index": 2, "index+thumb": 2}}, "another order"),
         ({"finger_sets": [["thumb", "thumb"]], "contacts": {"thumb+thumb": 2}}, "twice"),
         ({"links": {"thumb+middle": ["link_3.0"]}}, "thumb\\+middle"),

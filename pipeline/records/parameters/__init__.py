@@ -115,12 +115,14 @@ class Parameters(Section):
                 raise ValueError(f"{where}: the hand {self.hand} has no such style; its finger_sets must be []")
             if not style.finger_sets:
                 continue
-            for finger in (finger for fingers in style.finger_sets for finger in fingers):
-                if finger not in hand.fingers:
-                    raise ValueError(
-                        f"{where}.finger_sets names {finger!r}, which is no finger of the hand {self.hand}; it has "
-                        f"{', '.join(hand.fingers)}"
-                    )
+            named = {"finger_sets": style.finger_sets, "contacts": [key.split("+") for key in style.contacts]}
+            for field, sets in named.items():
+                for finger in (finger for fingers in sets for finger in fingers):
+                    if finger not in hand.fingers:
+                        raise ValueError(
+                            f"{where}.{field} names {finger!r}, which is no finger of the hand {self.hand}; it has "
+                            f"{', '.join(hand.fingers)}"
+                        )
             if self.hand != ALLEGRO and style.keep_out_margin is not None:
                 raise ValueError(
                     f"{where}.keep_out_margin leaves room for a second object of the Allegro; set it to null"
