@@ -40,7 +40,7 @@ def opened(page_file: Path, width: int, height: int) -> dict[str, float]:
         if page.evaluate(f"Boolean(document.querySelector('{CELL}'))"):
             before = time.perf_counter()
             page.evaluate(f"document.querySelector('{CELL}').click()")
-            page.wait("document.querySelector(decodeURIComponent(location.hash) + ' tbody tr')")
+            page.wait("location.hash && document.activeElement.matches('summary')")  # filled, and gone to
             figures["trials of a cell"] = time.perf_counter() - before
         before_scene = page.processor_seconds()
         begin = time.perf_counter()

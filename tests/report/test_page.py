@@ -321,6 +321,9 @@ def test_a_browser_draws_the_page_follows_a_cell_and_prints_without_a_network(co
         assert tab.evaluate("window.Plotly === undefined"), "the library is read when a view is seen, and not before"
         tab.evaluate("document.querySelector('table.heat a').click()")
         tab.wait("document.querySelectorAll('#trials-synthesized-cube--can tbody tr').length == 3")
+        tab.rest("document.activeElement.matches('summary')")
+        top = "document.getElementById('trials-synthesized-cube--can').getBoundingClientRect().top"
+        assert 0 <= tab.evaluate(top) + 1 < 900, "the trials are what the window shows"
         assert "./dev replay synthesized/cube/can/0" in tab.evaluate("document.body.innerText")
         tab.evaluate("document.querySelector('.view').scrollIntoView({block: 'center', behavior: 'instant'})")
         tab.wait("document.querySelector('.view .scene canvas')")
