@@ -13,6 +13,7 @@ from pipeline.report.rates import ratio
 PASSED_COLOUR = "#1b7f6b"
 # Okabe and Ito's palette (distinct for colour-blind readers), without the green that is close to PASSED_COLOUR.
 CATEGORY_COLOURS = ("#e69f00", "#56b4e9", "#cc79a7", "#d55e00", "#0072b2", "#f0e442", "#8c8c8c", "#5b3a8c", "#a8763e")
+MOST_BARS = 32  # in one piece; more would not fit a sheet of paper
 _LOW, _HIGH = (251, 243, 226), (20, 110, 95)
 
 
@@ -36,6 +37,18 @@ def data_uri(picture: bytes) -> str:
     """Return a JPEG or WebP as a data URI."""
     kind = "webp" if picture[8:12] == b"WEBP" else "jpeg"
     return f"data:image/{kind};base64," + base64.b64encode(picture).decode()
+
+
+def image(picture: bytes, alternative: str, shape: tuple[int, int]) -> str:
+    """Return a picture that is decoded when it is near the window; its place is kept for it from the beginning.
+
+    Args:
+        shape: width and height in any unit.
+    """
+    width, height = shape
+    return (
+        f'<img src="{data_uri(picture)}" alt="{escape(alternative)}" width="{width}" height="{height}" loading="lazy">'
+    )
 
 
 def anchor(target: str) -> str:
@@ -128,7 +141,7 @@ def _spoken(name: str) -> str:
 
 
 def stacked_bars(bars: Sequence[tuple[str, Mapping[str, int]]], passed: str, title: str) -> str:
-    """Return horizontal bars of shares as SVG.
+    """Return horizontal bars of shares as SVG, in parts that fit a sheet of paper; the first has the legend.
 
     Args:
         bars: label and counts per category; bars are drawn to the same length.
@@ -137,12 +150,23 @@ def stacked_bars(bars: Sequence[tuple[str, Mapping[str, int]]], passed: str, tit
     """
     categories = ordered_categories(bars, passed)
     colours = category_colours(categories, passed)
+    parts = range(0, max(len(bars), 1), MOST_BARS)
+    return "".join(_bars(bars[i : i + MOST_BARS], categories, colours, title, legend=i == 0) for i in parts)
+
+
+def _bars(
+    bars: Sequence[tuple[str, Mapping[str, int]]],
+    categories: Sequence[str],
+    colours: Mapping[str, str],
+    title: str,
+    legend: bool,
+) -> str:
     row_height, left, width = 26, 250, 640
-    legend, legend_height = _legend(categories, colours, left + width + 60)
+    drawn, legend_height = _legend(categories, colours, left + width + 60) if legend else ("", 0)
     height = legend_height + row_height * len(bars) + 4
     parts = [
         f'<svg class="bars" viewBox="0 0 {left + width + 60} {height}" role="img" aria-label="{escape(title)}">',
-        legend,
+        drawn,
     ]
     for index, (label, counts) in enumerate(bars):
         y, x, total = legend_height + index * row_height, float(left), sum(counts.values())

@@ -14,8 +14,8 @@ from pipeline.report.charts import (
     Link,
     anchor,
     bars_with_table,
-    data_uri,
     heat_map,
+    image,
     matrix,
     numbers,
     percent,
@@ -343,30 +343,22 @@ def _pair_view(view: PairView, folds: str) -> str:
     if not view.grasps:
         return f'{begin}<p class="note">No merged grasp was accepted.</p><div>{strips}</div>{trials}{end}'
     alternative = escape(f"Merged grasp {view.grasps[0]['merged_id']} of {_pair(view.first, view.second)}")
-    image = _image(view.poster, alternative, (1, 1)) if view.poster else ""
+    poster = image(view.poster, alternative, (1, 1)) if view.poster else ""
     options = "".join(
         f'<option value="{index}">{grasp["merged_id"]}</option>' for index, grasp in enumerate(view.grasps)
     )
     label = f"merged grasp of {escape(_pair(view.first, view.second))}"
     poses = fold(grasps_key(view.first, view.second), f"Merged grasps: numbers of the {len(view.rows)} shown")
     return (
-        f'{begin}<div><div class="view" data-pair="{escape(view.name)}">{image}</div>'
+        f'{begin}<div><div class="view" data-pair="{escape(view.name)}">{poster}</div>'
         f'<p class="under screen">Merged grasp <select aria-label="{label}">{options}</select></p></div>'
         f'<div>{strips}</div><div class="rows">{poses}{folds}</div>{end}'
     )
 
 
-def _image(picture: bytes, alternative: str, shape: tuple[int, int]) -> str:
-    """Return a picture that is decoded when it is near the window; its place is kept by its ``shape``."""
-    width, height = shape
-    return (
-        f'<img src="{data_uri(picture)}" alt="{escape(alternative)}" width="{width}" height="{height}" loading="lazy">'
-    )
-
-
 def _strip(strip: Strip, view: PairView) -> str:
     figures = "".join(
-        f"<figure>{_image(picture, caption, strip.shape)}<figcaption>{escape(caption)}</figcaption></figure>"
+        f"<figure>{image(picture, caption, strip.shape)}<figcaption>{escape(caption)}</figcaption></figure>"
         for caption, picture in zip(strip.captions, strip.pictures, strict=True)
     )
     kind = ' class="failed"' if strip.failed else ""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from html import escape
 from typing import Any
 
 from pipeline.records.reconstructions import load_reconstruction_metrics, load_reconstruction_pictures
-from pipeline.report.charts import data_uri, percent, table
+from pipeline.report.charts import image, percent, table
 
 KINDS = {"rendered": "rendered by computer", "photos": "photos"}
 METHODS = {"plane_sweep": "plane sweep and Poisson", "2dgs": "2D Gaussian splatting"}
@@ -77,9 +78,15 @@ def _objects_table(found: Mapping[str, Reconstructed]) -> str:
     return table(headers, rows)
 
 
+def _shape(picture: bytes) -> tuple[int, int]:
+    from PIL import Image
+
+    return Image.open(io.BytesIO(picture)).size
+
+
 def _pictures(capture: str, one: Reconstructed) -> str:
     figures = "".join(
-        f'<figure><img src="{data_uri(picture)}" alt="{escape(f"{photo}: {what}")}" loading="lazy">'
+        f"<figure>{image(picture, f'{photo}: {what}', _shape(picture))}"
         f"<figcaption>{escape(f'{photo}: {what}')}</figcaption></figure>"
         for photo, both in one.pictures.items()
         for what, picture in zip(("as taken", "what was found"), both, strict=True)

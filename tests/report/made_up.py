@@ -1,7 +1,10 @@
 """Small made-up tables with the columns of real ones."""
 
+import io
+
 import numpy as np
 import pandas as pd
+from PIL import Image
 
 from pipeline.records.parameters.harder import HarderSetting
 from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED
@@ -159,9 +162,16 @@ RECONSTRUCTION = {
 }
 
 
+def small_jpeg(grey: int) -> bytes:
+    """A picture of 4 x 3 pixels."""
+    target = io.BytesIO()
+    Image.new("L", (4, 3), grey).save(target, format="JPEG")
+    return target.getvalue()
+
+
 def reconstructed() -> dict[str, Reconstructed]:
     """One capture with two pictures, no real ones."""
-    return {"demo": Reconstructed(RECONSTRUCTION, {"photo_<0>": (b"taken", b"found")})}
+    return {"demo": Reconstructed(RECONSTRUCTION, {"photo_<0>": (small_jpeg(90), small_jpeg(200))})}
 
 
 def harder(first: str, seconds: list[str], numbers: int = 3, standard: pd.DataFrame | None = None) -> Harder:
