@@ -342,7 +342,7 @@ def _pair_view(view: PairView, folds: str) -> str:
     trials = f'<div class="rows">{folds}</div>'
     if not view.grasps:
         return f'{begin}<p class="note">No merged grasp was accepted.</p><div>{strips}</div>{trials}{end}'
-    alternative = escape(f"Merged grasp {view.grasps[0]['merged_id']} of {_pair(view.first, view.second)}")
+    alternative = f"Merged grasp {view.grasps[0]['merged_id']} of {_pair(view.first, view.second)}"
     poster = image(view.poster, alternative, (1, 1)) if view.poster else ""
     options = "".join(
         f'<option value="{index}">{grasp["merged_id"]}</option>' for index, grasp in enumerate(view.grasps)

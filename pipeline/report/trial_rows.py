@@ -18,8 +18,8 @@ HEADERS = (
     "up 10 cm",
     "merged grasp",
     "seed",
-    "first placed off by (mm, mm, °)",
-    "second placed off by (mm, mm, °)",
+    "first off by (mm, mm, °)",
+    "second off by (mm, mm, °)",
     "first up (cm)",
     "second up (cm)",
     "second pushed (mm)",
@@ -48,7 +48,8 @@ def trials_table(source: str, first: str, second: str, trials: pd.DataFrame) -> 
     if source not in REPLAYED:
         return FoldedTable(HEADERS, rows)
     commands = [replay_command(source, first, second, int(trial)) for trial in own["trial"]]
-    return FoldedTable((*HEADERS, REPLAY), [[*row, command] for row, command in zip(rows, commands, strict=True)])
+    headers = (*HEADERS[:2], REPLAY, *HEADERS[2:])
+    return FoldedTable(headers, [[*row[:2], cell, *row[2:]] for row, cell in zip(rows, commands, strict=True)])
 
 
 def trial_row(trial: Mapping[Any, Any]) -> list[str]:
