@@ -35,9 +35,3 @@ def test_an_experiment_changes_what_it_names_and_is_accepted(repository, tmp_pat
     read_parameters(composed)
     before, after = (flatten(yaml.safe_load(file.read_text())) for file in (repository / "params.yaml", composed))
     assert {key for key in before | after if before.get(key) != after.get(key)} == changed
-
-
-def test_the_page_of_plots_needs_no_network(repository):
-    page = (repository / ".dvc/plots/page.html").read_text()
-    assert "{plot_divs}" in page and "{scripts}" not in page  # DVC would put links to libraries there
-    assert not re.search(r"<(script|link)[^>]+(src|href)=", page)
