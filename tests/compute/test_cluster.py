@@ -14,21 +14,11 @@ from pipeline.compute.fan_out import fan_out
 from pipeline.compute.shared import Shared
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.compute import ComputeParameters
-from pipeline.records.seeds import item_generator
+from tests.compute.items import draw, fail_on_three
 
 pytest.importorskip("distributed", reason="needs the extra `cluster`")
 
 DASK = ComputeParameters(backend="dask", workers=2)
-
-
-def draw(index: int) -> list[float]:
-    return item_generator(1, "test", "cube", index).normal(size=3).tolist()
-
-
-def fail_on_three(index: int) -> int:
-    if index == 3:
-        raise LookupError("item three")
-    return index
 
 
 def own_file(shared: Shared, factor: int) -> tuple[float, int, int, str]:

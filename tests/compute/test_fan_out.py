@@ -3,17 +3,7 @@ import os
 import pytest
 
 from pipeline.compute.fan_out import fan_out, worker_count
-from pipeline.records.seeds import item_generator
-
-
-def draw(index: int) -> list[float]:
-    return item_generator(1, "test", "cube", index).normal(size=3).tolist()
-
-
-def fail_on_three(index: int) -> int:
-    if index == 3:
-        raise LookupError("item three")
-    return index
+from tests.compute.items import draw, fail_on_three
 
 
 def threads_of_libraries(_: int) -> str:
