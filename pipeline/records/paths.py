@@ -11,6 +11,9 @@ REPORT_PAGE = Path("reports/index.html")
 FIGURES_FOLDER = Path("reports/figures")
 DATASET_CARD = Path("reports/dataset.md")
 SUMMARY_FILE = Path("reports/summary.json")
+PAIRS_TABLE = Path("reports/pairs.parquet")
+CODE_FILE = Path("code.yaml")
+UNFINISHED_FOLDER = Path("data/.unfinished")
 TRACKING_FILE = Path("reports/tracking.json")
 DURATIONS_FILE = Path("reports/durations.json")
 TRACKING_DATABASE = Path("mlflow.db")
@@ -36,34 +39,23 @@ def validated_file(style: str, object_name: str) -> Path:
     return Path("data/validate") / style / f"{object_name}.parquet"
 
 
-def merged_folder(first: str) -> Path:
-    """Folder of the two-object grasps of all pairs that begin with ``first``."""
-    return Path("data/merge") / first
+def merged_file(first: str) -> Path:
+    """Table of the two-object grasps of all pairs that begin with ``first``, which is pinched."""
+    return Path("data/merge") / f"{first}.parquet"
 
 
-def merged_file(first: str, second: str) -> Path:
-    """Table of two-object grasps of one pair: ``first`` is pinched, ``second`` is held by ring and palm."""
-    return merged_folder(first) / f"{second}.parquet"
+def sampled_file(source: str, first: str) -> Path:
+    """Table of the model's two-object grasps of all pairs that begin with ``first``, like :func:`merged_file`.
+
+    ``source`` says what the model saw of the objects: ``learned`` (their surface), or ``reconstructed`` (what photos show
+    of them; the frames are those of the reconstruction).
+    """
+    return Path("data/sample") / source / f"{first}.parquet"
 
 
-def sampled_folder(first: str) -> Path:
-    """Folder of the learned two-object grasps of all pairs that begin with ``first``."""
-    return Path("data/train") / first
-
-
-def sampled_file(first: str, second: str) -> Path:
-    """Table of learned two-object grasps of one pair, like :func:`merged_file`."""
-    return sampled_folder(first) / f"{second}.parquet"
-
-
-def reconstructed_folder(first: str) -> Path:
-    """Folder of the learned grasps, conditioned on reconstructed objects, of all pairs that begin with ``first``."""
-    return Path("data/train_reconstructed") / first
-
-
-def reconstructed_file(first: str, second: str) -> Path:
-    """Table of one such pair; the frames of its objects are those of the reconstruction."""
-    return reconstructed_folder(first) / f"{second}.parquet"
+def sample_quality_file(source: str) -> Path:
+    """Figures on what the model drew for every pair, by first and second object."""
+    return Path("data/sample") / source / "quality.json"
 
 
 def trials_file(source: str, first: str) -> Path:

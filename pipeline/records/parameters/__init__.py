@@ -26,6 +26,7 @@ from pipeline.records.parameters.hand import ALLEGRO, description_file, read_des
 from pipeline.records.parameters.harder import HarderParameters, overridden
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.objects import MeshParameters, ObjectParameters, StylesParameters
+from pipeline.records.parameters.pairs import PairsParameter, partners
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.prepare import PrepareParameters
 from pipeline.records.parameters.reconstruct import ReconstructParameters
@@ -57,6 +58,10 @@ class Parameters(Section):
     )
     seed: int = Field(ge=0, description="Run seed; every item derives its own generator from it.")
     styles: StylesParameters
+    pairs: PairsParameter = Field(
+        description="Which objects are picked one after the other: `all` of styles.pinch with all of styles.side; or how "
+        "many partners each first object gets, drawn evenly from the seed; or a list of [first, second]. Paper: all.",
+    )
     objects: dict[str, ObjectParameters] = Field(description="Objects from packages and recipes, by name.")
     meshes: dict[str, MeshParameters] = Field(description="Objects from the user's own files, by name.")
     renderings: dict[str, RenderingParameters] = Field(description="Rendered captures, by name.")
@@ -96,6 +101,16 @@ class Parameters(Section):
                     )
             if len(set(names)) != len(names):
                 raise ValueError(f"styles.{style} names an object twice")
+        return self
+
+    @model_validator(mode="after")
+    def _pairs_agree(self) -> Parameters:
+        if isinstance(self.pairs, list):
+            for first, second in self.pairs:
+                if first not in self.styles.pinch or second not in self.styles.side:
+                    raise ValueError(f"pairs: {first} is not in styles.pinch, or {second} is not in styles.side")
+            if len(set(self.pairs)) != len(self.pairs):
+                raise ValueError("pairs names a pair twice")
         return self
 
     @model_validator(mode="after")
@@ -154,9 +169,10 @@ class Parameters(Section):
     def _harder_settings_agree(self) -> Parameters:
         if self.hand != ALLEGRO:  # then nothing reads them, and a composed file keeps those of its scale
             return self
+        known = self.partners()
         for first, second in self.harder.pairs:
-            if first not in self.styles.pinch or second not in self.styles.side:
-                raise ValueError(f"harder.pairs: {first} then {second} is no pair of styles.pinch and styles.side")
+            if second not in known.get(first, ()):
+                raise ValueError(f"harder.pairs: {first} then {second} is no pair of styles and pairs")
         if self.harder.settings and self.harder.trials > self.evaluate.trials:
             raise ValueError(f"harder.trials must not exceed evaluate.trials ({self.evaluate.trials})")
         for name, setting in self.harder.settings.items():
@@ -182,6 +198,11 @@ class Parameters(Section):
             if {"frequency"} & set(setting.physics) or {"control_frequency"} & set(setting.evaluate):
                 raise ValueError(f"harder.settings.{name}: frequencies are the same in all settings; remove them there")
         return self
+
+
+    def partners(self) -> dict[str, tuple[str, ...]]:
+        """Return, for each first object, the objects that are picked after it."""
+        return partners(self.styles.pinch, self.styles.side, self.pairs, self.seed)
 
 
 def _one_sentence(error: ValidationError, source: Path) -> str:

@@ -11,22 +11,16 @@ from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.section import Section
 
 Overridden = TypeVar("Overridden", EvaluateParameters, PhysicsParameters)
-SOURCE_OF = {"data/merge": "synthesized", "data/train": "learned"}
 
 
 class HarderSetting(Section):
     """What differs from the standard trials; everything else is theirs, grasps and seeds too."""
 
-    grasps: Literal["data/merge", "data/train"] = Field(
-        description="Folder of the grasps: data/merge holds synthesized ones, data/train the model's."
+    source: Literal["synthesized", "learned"] = Field(
+        description="Where the grasps come from: synthesis, or the model."
     )
     evaluate: dict[str, Any] = Field(description="Values that take the place of those in `evaluate`, by name.")
     physics: dict[str, Any] = Field(description="Values that take the place of those in `physics`, by name.")
-
-    @property
-    def source(self) -> str:
-        """Where the grasps come from, as the standard trials call it."""
-        return SOURCE_OF[self.grasps]
 
 
 class HarderParameters(Section):
