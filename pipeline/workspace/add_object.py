@@ -30,7 +30,6 @@ from pipeline.workspace.parameter_text import with_mesh
 if TYPE_CHECKING:
     from pipeline.prepare.sources import RawMesh
 
-RAW_FOLDER = Path("data/raw")
 STYLES = {"pinch": ["pinch"], "side": ["side"], "both": ["pinch", "side"]}
 UNITS = ("m", "cm", "mm", "inch")
 AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
@@ -81,7 +80,7 @@ def planned(chosen: argparse.Namespace, parameters: Parameters) -> Addition:
         raise UserError(f"params.yaml has an object {name} under `objects` already; give another --name.")
     if name in parameters.meshes and not chosen.force:
         raise UserError(f"params.yaml has an object {name} under `meshes` already; give another --name, or --force.")
-    target = RAW_FOLDER / f"{name}{source.suffix.lower()}"
+    target = paths.RAW_FOLDER / f"{name}{source.suffix.lower()}"
     if target.exists() and not chosen.force and target.read_bytes() != source.read_bytes():
         raise UserError(f"{target} is another file; give another --name, or --force to overwrite it.")
     asked = {key: getattr(chosen, key) for key in ("unit", "up", "turn", "scale", "fit_longest", "density")}
