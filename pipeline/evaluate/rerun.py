@@ -17,7 +17,7 @@ from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters
 from pipeline.records.seeds import item_generator
-from pipeline.records.tables import TRIALS, read_table
+from pipeline.records.tables import TRIALS, pair_rows, read_table
 
 EXAMPLE = "synthesized/cube/soup_can/3"
 
@@ -42,7 +42,7 @@ class TrialName:
     @property
     def stage(self) -> str:
         """The DVC stage that writes it."""
-        return f"evaluate-{self.source}@{self.first}"
+        return f"evaluate@{self.source}"
 
 
 def trial_name(text: str) -> TrialName:
@@ -68,7 +68,7 @@ def recorded_row(name: TrialName) -> dict[str, Any]:
         UserError: the table is missing or damaged, or has no such row.
     """
     rows = read_table(name.table, TRIALS, name.stage)
-    pair = rows[(rows["object0"] == name.first) & (rows["object1"] == name.second)]
+    pair = pair_rows(rows, name.second)
     if pair.empty:
         known = ", ".join(dict.fromkeys(rows["object1"]))
         raise UserError(
@@ -110,7 +110,7 @@ def input_of_trial(name: TrialName, recorded: Mapping[str, Any]) -> TrialInput:
         )
     tried = [grasp.merged_id for grasp in own.grasps]
     if recorded["merged_id"] >= 0 and recorded["merged_id"] not in tried:
-        grasps = GRASPS[name.source][0](name.first, name.second)
+        grasps = GRASPS[name.source][0](name.first)
         raise UserError(
             f"{grasps} or evaluate.planning_attempts has changed since {name.table} was made: the trial used grasp "
             f"{recorded['merged_id']} and would now try {', '.join(map(str, tried)) or 'none'}; {again}."
@@ -164,7 +164,7 @@ def known_trials() -> list[TrialName]:
     found = []
     for source in GRASPS:
         for file in sorted(paths.trials_file(source, "x").parent.glob("*.parquet")):
-            rows = read_table(file, TRIALS, f"evaluate-{source}@{file.stem}")
+            rows = read_table(file, TRIALS, f"evaluate@{source}")
             found += [
                 TrialName(source, first, second, int(number))
                 for first, second, number in zip(rows["object0"], rows["object1"], rows["trial"], strict=True)
