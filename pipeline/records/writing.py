@@ -88,7 +88,7 @@ def whole_folder(target: Path) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)  # of a killed process that had the same number
         temporary.mkdir(parents=True)
         yield temporary
-        _replace_folder(temporary, target)
+        replace_folder(temporary, target)
     except Exception as error:
         explained = _explain(error, target)
         if explained is error:
@@ -98,7 +98,7 @@ def whole_folder(target: Path) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def _replace_folder(new: Path, target: Path) -> None:
+def replace_folder(new: Path, target: Path) -> None:
     """Rename a folder to ``target``, whatever is there; when two processes do so at once, one of both stays whole."""
     old = target.with_name(f".{target.name}.old.{os.getpid()}.tmp")
     while True:

@@ -10,7 +10,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.compute.fan_out import Workers, fan_out
+from pipeline.compute.fan_out import Workers
+from pipeline.compute.pool import Calls, Work, run_one
 from pipeline.compute.shared import Shared
 from pipeline.hand.allegro import load_hand
 from pipeline.pairing.combination import Pair, try_combination
@@ -71,10 +72,15 @@ def draw_grasps(checkpoint: Checkpoint, model: GraspModel, task: Task, energy: P
 
 
 def check_grasps(task: Task, drawn: Drawn, workers: Workers) -> pd.DataFrame:
-    """Return the table ``MERGED`` of one pair: samples in their order until enough are accepted, each with its fate.
+    """Return the table ``MERGED`` of one pair: samples in their order until enough are accepted, each with its outcome.
 
     ``grasp0_id`` and ``grasp1_id`` are the place of the sample in that order, and so is ``merged_id``.
     """
+    return run_one(checking(task, drawn), workers, f"{task.pair.object0.name}--{task.pair.object1.name}")
+
+
+def checking(task: Task, drawn: Drawn) -> Work[pd.DataFrame]:
+    """Compute what :func:`check_grasps` returns, some samples at once."""
     settings = task.settings
     pair = checked_pair(task.pair, settings)
     rows: list[dict[str, Any]] = []
@@ -82,9 +88,9 @@ def check_grasps(task: Task, drawn: Drawn, workers: Workers) -> pd.DataFrame:
     with Shared((pair, drawn.ranked)) as shared:
         while accepted < settings.grasps and len(rows) < settings.draws:
             count = min(CHUNK, settings.grasps - accepted + SPARE, settings.draws - len(rows))
-            label = f"{pair.object0.name}--{pair.object1.name}: {accepted} of {settings.grasps}"
+            done = accepted / settings.grasps
             indices = range(len(rows), len(rows) + count)
-            for row in fan_out(partial(_check, shared), indices, workers, label):
+            for row in (yield Calls(partial(_check, shared), indices, done, min(1.0, done + count / settings.grasps))):
                 if accepted < settings.grasps:
                     rows.append(row | {"merged_id": len(rows)})
                     accepted += row["rejected_by"] == ""

@@ -6,7 +6,6 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from pipeline.records.errors import UserError
 from pipeline.records.parameters.section import Section
 
 Recipe = Literal[
@@ -87,16 +86,3 @@ class StylesParameters(Section):
 
     pinch: list[str] = Field(description="Objects held by thumb, index and middle finger (object 0 of a pair).")
     side: list[str] = Field(description="Objects held by ring finger and palm (object 1 of a pair).")
-
-    def after(self, first: str) -> list[str]:
-        """Return the objects that are picked after ``first``.
-
-        Raises:
-            UserError: ``pinch`` does not name it.
-        """
-        if first not in self.pinch:
-            raise UserError(
-                f"params.yaml: styles.pinch does not name {first!r}; add it there, or use one of "
-                f"{', '.join(self.pinch)}."
-            )
-        return self.side
