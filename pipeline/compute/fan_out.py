@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from pipeline.compute.executor import Workers, worker_count
-from pipeline.compute.pool import Calls, Work, run_all
+from pipeline.compute.pool import Calls, Work, run_one
 from pipeline.records.parameters.compute import ComputeParameters
 
 Item = TypeVar("Item")
@@ -28,11 +28,8 @@ def fan_out(function: Callable[[Item], Result], items: Sequence[Item], workers: 
         workers = ComputeParameters(backend="processes", address="", workers=workers)
     if workers.backend == "processes":
         workers = workers.model_copy(update={"workers": min(worker_count(workers.workers), len(items))})
-    found: list[Result] = []
 
-    def work() -> Work:
-        results: list[Any] = yield Calls(function, items)
-        return results
+    def work() -> Work[list[Result]]:
+        return (yield Calls(function, items))
 
-    run_all([(label, work)], workers, label, lambda _, results: found.extend(results))
-    return found
+    return run_one(work(), workers, label)

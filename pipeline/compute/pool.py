@@ -35,11 +35,11 @@ class Calls(Generic[Result]):
 
 
 # An item in progress: yields rounds of calls, is sent their results in order, and returns the result of the item.
-Work = Generator[Calls[Any], list[Any], Any]
+Work = Generator[Calls[Any], list[Any], Result]
 
 
 def run_all(
-    works: Sequence[tuple[str, Callable[[], Work]]], workers: Workers, label: str, done: Callable[[str, Any], None]
+    works: Sequence[tuple[str, Callable[[], Work[Any]]]], workers: Workers, label: str, done: Callable[[str, Any], None]
 ) -> None:
     """Run all items where ``workers`` says, with one progress bar for all.
 
@@ -64,8 +64,15 @@ def run_all(
         run_on(executor_of(workers), works, label, done)
 
 
+def run_one(work: Work[Result], workers: Workers, label: str) -> Result:
+    """Run one item, and return its result; see :func:`run_all`."""
+    results: list[Result] = []
+    run_all([(label, lambda: work)], workers, label, lambda _, result: results.append(result))
+    return results[0]
+
+
 def run_on(
-    executor: Executor, works: Sequence[tuple[str, Callable[[], Work]]], label: str, done: Callable[[str, Any], None]
+    executor: Executor, works: Sequence[tuple[str, Callable[[], Work[Any]]]], label: str, done: Callable[[str, Any], None]
 ) -> None:
     """Run all items on an executor; see :func:`run_all`."""
     with Bar(len(works), label) as bar:
@@ -112,13 +119,13 @@ class _Pool:
     def __init__(
         self,
         executor: Executor,
-        works: Sequence[tuple[str, Callable[[], Work]]],
+        works: Sequence[tuple[str, Callable[[], Work[Any]]]],
         done: Callable[[str, Any], None],
         bar: Bar,
     ) -> None:
         self._executor, self._works, self._done, self._bar = executor, works, done, bar
         self._begun = 0
-        self._open: dict[int, Work] = {}
+        self._open: dict[int, Work[Any]] = {}
         # Calls that wait, those of earlier items first: number of the item, of the call, and the call's round.
         self._ready: list[tuple[int, int, _Round]] = []
         self._flying: set[_Batch] = set()

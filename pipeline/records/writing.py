@@ -113,7 +113,12 @@ def replace_folder(new: Path, target: Path) -> None:
             shutil.rmtree(old)
 
 
+def json_text(content: Any) -> str:
+    """Return ``content`` as sorted, indented JSON."""
+    return json.dumps(content, indent=2, sort_keys=True) + "\n"
+
+
 def write_json(target: Path, content: Any) -> None:
     """Write ``content`` as sorted, indented JSON."""
     with whole_file(target) as temporary:
-        temporary.write_text(json.dumps(content, indent=2, sort_keys=True) + "\n")
+        temporary.write_text(json_text(content))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -95,6 +95,45 @@ def checking(task: Task, drawn: Drawn) -> Work[pd.DataFrame]:
                     rows.append(row | {"merged_id": len(rows)})
                     accepted += row["rejected_by"] == ""
     return pd.DataFrame(rows, columns=MERGED.names, dtype=object)
+
+
+class Model:
+    """A checkpoint and its network, made when it is first needed where it is used."""
+
+    def __init__(self, checkpoint: Checkpoint) -> None:
+        self.checkpoint = checkpoint
+
+    @cached_property
+    def network(self) -> GraspModel:
+        """The network, ready to predict."""
+        return self.checkpoint.model()
+
+
+def sampling(model: Shared[Model], task: Task) -> Work[tuple[pd.DataFrame, Drawn, dict[str, Any]]]:
+    """Return the table of checked grasps of a pair, what was drawn, and figures on both."""
+    with Shared(task) as shared:
+        ((drawn, raw),) = yield Calls(partial(_draw, model, shared), [None], 0.0, 0.1)
+        table = yield from checking(task, drawn)
+        accepted = table.loc[table["rejected_by"] == "", "merged_id"].to_numpy(dtype="int64")
+        (ranked,) = yield Calls(partial(_quality, shared), [drawn.ranked.chosen(accepted)], 0.9)
+    figures = {
+        "drawn": len(drawn.ranked.grasps),
+        "joint_violation_mean": float(drawn.joint_violation.mean()),
+        "raw": raw,
+        "ranked": ranked,
+    }
+    return table, drawn, figures
+
+
+def _draw(model: Shared[Model], shared: Shared[Task], _: None) -> tuple[Drawn, dict[str, float]]:
+    """Return what the model draws for a pair, and figures of it as it came from the model."""
+    energy = pair_energy(shared.value)
+    drawn = draw_grasps(model.value.checkpoint, model.value.network, shared.value, energy)
+    return drawn, quality(energy, drawn.raw)
+
+
+def _quality(shared: Shared[Task], scored: Scored) -> dict[str, float]:
+    return quality(pair_energy(shared.value), scored)
 
 
 def checked_pair(pair: Pair, settings: SamplingParameters) -> Pair:
