@@ -154,7 +154,7 @@ def draw_samples(
         seed=item_seed(parameters.seed, "train", "sample", *names) % 2**31,
     )
     energy = pair_energy(task)
-    energy.compile()
+    compile_kernels()
     (grasps, _), drawing = timed(
         lambda: sample_grasps(checkpoint, model, task.points, draws, settings.sampler, settings.steps, task.seed)
     )

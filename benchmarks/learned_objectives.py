@@ -201,7 +201,7 @@ def main() -> None:
         )
         for index in judged
     }
-    next(iter(energies.values())).compile()
+    compile_kernels()
     optimization = {"steps": chosen.steps, "record_every": chosen.steps, "batch": chosen.batch}
     lean = {
         "denoiser": settings.denoiser.model_copy(update={"width": chosen.width, "blocks": chosen.blocks}),

@@ -77,3 +77,8 @@ def capture_folder(name: str) -> Path:
 def reconstruction_folder(name: str) -> Path:
     """Folder of what was reconstructed from one capture."""
     return Path("data/reconstruct") / name
+
+
+def items_file(stage: str) -> Path:
+    """Fingerprints of the items that a stage's output holds, by key."""
+    return Path("data/items") / f"{stage.replace('@', '-')}.json"

@@ -263,6 +263,23 @@ def load_parameters(sections: Collection[str], source: Path = paths.PARAMETERS_F
     return {name: _section(parameters, name, source) for name in sections}
 
 
+def load_pairs(first: str = "", source: Path = paths.PARAMETERS_FILE) -> dict[str, tuple[str, ...]]:
+    """Return, for each first object, the objects that are picked after it; needs ``seed``, ``styles`` and ``pairs``.
+
+    Args:
+        first: only this one, when it is given.
+
+    Raises:
+        UserError: see :func:`read_parameters`, or ``styles.pinch`` does not name ``first``.
+    """
+    known = read_parameters(source).partners()
+    if first and first not in known:
+        raise UserError(
+            f"{source}: styles.pinch does not name {first!r}; add it there, or use one of {', '.join(known) or 'none'}."
+        )
+    return {first: known[first]} if first else known
+
+
 def require_allegro(parameters: Parameters, source: Path = paths.PARAMETERS_FILE) -> None:
     """Check that the hand is the Allegro, the only one that picks two objects.
 
