@@ -84,9 +84,7 @@ def evaluate(only: str) -> None:
 
     tables = Tables(paths.harder_file("").parent, TRIALS, ("object0", "object1", "trial"))
     stage = Stage("evaluate-harder", "trials", tables)
-    keys = [
-        (name, first, second) for name in ([only] if only else harder.settings) for first, second in harder.pairs
-    ]
+    keys = [(name, first, second) for name in ([only] if only else harder.settings) for first, second in harder.pairs]
     with trials_of(tables, lambda pair: _inputs_of_pair(pair, parameters)) as begin:
         if only:
             make_by_hand(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.evaluate.execution import Run
-from pipeline.evaluate.inputs import GRASPS, inputs_of_pairs, second_objects, sections
+from pipeline.evaluate.inputs import SOURCES, inputs_of_pair, pairs_of, sections
 from pipeline.evaluate.scene import placement_offsets
 from pipeline.evaluate.trial import TrialInput, run_trial
 from pipeline.records import paths
@@ -56,8 +56,8 @@ def trial_name(text: str) -> TrialName:
         raise UserError(
             f"{text!r} names no trial; write source, both objects and the trial's number, such as {EXAMPLE}."
         )
-    if parts[0] not in GRASPS:
-        raise UserError(f"{text!r}: there is no source {parts[0]!r}; use one of {', '.join(sorted(GRASPS))}.")
+    if parts[0] not in SOURCES:
+        raise UserError(f"{text!r}: there is no source {parts[0]!r}; use one of {', '.join(sorted(SOURCES))}.")
     return TrialName(parts[0], parts[1], parts[2], int(parts[3]))
 
 
@@ -87,11 +87,11 @@ def input_of_trial(name: TrialName, recorded: Mapping[str, Any]) -> TrialInput:
     Raises:
         UserError: an input is missing, or is seen to be another than that of the row.
     """
-    parameters = load_parameters(sections(name.source, name.first))
-    if name.second not in second_objects(name.source, name.first, parameters):
+    parameters = load_parameters(sections(name.source))
+    if name.second not in pairs_of(name.source, parameters).get(name.first, ()):
         raise UserError(f"params.yaml does not name the pair {name.first} and {name.second} any more; add it again.")
     again = f"undo the change, or run `dvc repro {name.stage}` for a new table"
-    inputs = inputs_of_pairs(name.source, name.first, [name.second], parameters)
+    inputs = inputs_of_pair(name.source, name.first, name.second, parameters)
     if name.number >= len(inputs):
         raise UserError(
             f"{name.table} has trial {name.number}, but evaluate.trials in params.yaml is {len(inputs)} now; {again}."
@@ -110,10 +110,9 @@ def input_of_trial(name: TrialName, recorded: Mapping[str, Any]) -> TrialInput:
         )
     tried = [grasp.merged_id for grasp in own.grasps]
     if recorded["merged_id"] >= 0 and recorded["merged_id"] not in tried:
-        grasps = GRASPS[name.source][0](name.first)
         raise UserError(
-            f"{grasps} or evaluate.planning_attempts has changed since {name.table} was made: the trial used grasp "
-            f"{recorded['merged_id']} and would now try {', '.join(map(str, tried)) or 'none'}; {again}."
+            f"the grasps of the pair or evaluate.planning_attempts have changed since {name.table} was made: the trial "
+            f"used grasp {recorded['merged_id']} and would now try {', '.join(map(str, tried)) or 'none'}; {again}."
         )
     return own
 
@@ -162,7 +161,7 @@ def known_trials() -> list[TrialName]:
         UserError: there are none, or a table is damaged.
     """
     found = []
-    for source in GRASPS:
+    for source in SOURCES:
         for file in sorted(paths.trials_file(source, "x").parent.glob("*.parquet")):
             rows = read_table(file, TRIALS, f"evaluate@{source}")
             found += [

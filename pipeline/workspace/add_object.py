@@ -1,15 +1,14 @@
 """`./dev add-object FILE --style pinch|side|both`: a mesh file becomes an object of the pipeline.
 
 The object is prepared first, so that a mesh which cannot be used leaves no trace. Then the file is copied to
-`data/raw/`, entries are added to `params.yaml`, and DVC records the prepared folder, so that `dvc repro` goes on with
-the synthesis.
+`data/raw/` and entries are added to `params.yaml`. The prepared folder is there to look at: the stage `prepare` makes
+the same one again, as it makes whatever is new.
 """
 
 from __future__ import annotations
 
 import argparse
 import re
-import subprocess
 import sys
 import unicodedata
 from dataclasses import dataclass, replace
@@ -143,12 +142,6 @@ def write(addition: Addition, prepared: PreparedObject) -> None:
         temporary.write_text(text)
 
 
-def record(name: str) -> bool:
-    """Let DVC record the prepared folder as the result of its stage; return whether it could."""
-    command = [sys.executable, "-m", "dvc", "commit", "--force", "--quiet", f"prepare-mesh@{name}"]
-    return subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL).returncode == 0
-
-
 def add(chosen: argparse.Namespace) -> None:
     """Do the whole of the command.
 
@@ -164,9 +157,7 @@ def add(chosen: argparse.Namespace) -> None:
     prepared = prepare_object(addition.name, _shape(addition.entry), parameters.prepare, addition.raw)
     write(addition, prepared)
     print("\n".join(describe(addition, prepared)))
-    if not record(addition.name):
-        print("warning: DVC could not record the prepared object; `./dev repro` prepares it again.", file=sys.stderr)
-    stages = " ".join(f"validate-{style}@{addition.name}" for style in addition.styles)
+    stages = " ".join(f"validate@{style}" for style in addition.styles)
     print(f"Next: look at the picture; `./dev repro {stages}` for grasps of it alone, `./dev repro` for its pairs too.")
 
 
