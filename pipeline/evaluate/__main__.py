@@ -28,9 +28,7 @@ def evaluate(source: str, only: str) -> None:
     """
     parameters = load_parameters(sections(source))
     workers = read_parameters().compute
-    pairs = [
-        (first, second) for first, seconds in pairs_of(source, parameters, only).items() for second in seconds
-    ]
+    pairs = [(first, second) for first, seconds in pairs_of(source, parameters, only).items() for second in seconds]
 
     from pipeline.evaluate.trials import trials_of
 

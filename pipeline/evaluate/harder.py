@@ -1,8 +1,8 @@
 """Some pairs tried once more in harder settings: ``data/evaluate/harder/<setting>.parquet``.
 
 Grasps, seeds and order are those of the standard trials, so that every row compares with the standard trial of the
-same pair and number. `python -m pipeline.evaluate.harder` brings all settings up to date, `--setting placement` runs one
-by hand.
+same pair and number. `python -m pipeline.evaluate.harder` brings all settings up to date, `--setting placement` runs
+one by hand.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def inputs_of_setting(name: str, parameters: dict[str, Any]) -> list[TrialInput]
 def _inputs_of_pair(key: str, parameters: dict[str, Any]) -> list[TrialInput]:
     name, first, second = key.split("/")
     setting = parameters["harder"].settings[name]
-    # Which grasp a trial tries depends on how many trials the standard has, so that all are made before some are dropped.
+    # Which grasp a trial tries depends on how many trials the standard has: all are made before some are dropped.
     inputs = inputs_of_pair(setting.source, first, second, changed(setting, parameters))
     return inputs[: parameters["harder"].trials]
 
@@ -84,9 +84,7 @@ def evaluate(only: str) -> None:
 
     tables = Tables(paths.harder_file("").parent, TRIALS, ("object0", "object1", "trial"))
     stage = Stage("evaluate-harder", "trials", tables)
-    keys = [
-        (name, first, second) for name in ([only] if only else harder.settings) for first, second in harder.pairs
-    ]
+    keys = [(name, first, second) for name in ([only] if only else harder.settings) for first, second in harder.pairs]
     with trials_of(tables, lambda pair: _inputs_of_pair(pair, parameters)) as begin:
         if only:
             make_by_hand(

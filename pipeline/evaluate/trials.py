@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 from pipeline.compute.items import Begin, Keep
@@ -34,7 +34,7 @@ def trials_of(tables: Tables, inputs_of: Callable[[str], Sequence[TrialInput]]) 
     with ExitStack() as until_all_done:
         cached = lru_cache(maxsize=2)(inputs_of)
 
-        @lru_cache(maxsize=None)
+        @cache
         def shared_objects(pair: str) -> Shared[Any]:
             return until_all_done.enter_context(Shared(cached(pair)[0].objects))
 

@@ -47,8 +47,8 @@ def merged_file(first: str) -> Path:
 def sampled_file(source: str, first: str) -> Path:
     """Table of the model's two-object grasps of all pairs that begin with ``first``, like :func:`merged_file`.
 
-    ``source`` says what the model saw of the objects: ``learned`` (their surface), or ``reconstructed`` (what photos show
-    of them; the frames are those of the reconstruction).
+    ``source`` says what the model saw of the objects: ``learned`` (their surface), or ``reconstructed`` (what photos
+    show of them; the frames are those of the reconstruction).
     """
     return Path("data/sample") / source / f"{first}.parquet"
 

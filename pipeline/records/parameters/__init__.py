@@ -59,8 +59,8 @@ class Parameters(Section):
     seed: int = Field(ge=0, description="Run seed; every item derives its own generator from it.")
     styles: StylesParameters
     pairs: PairsParameter = Field(
-        description="Which objects are picked one after the other: `all` of styles.pinch with all of styles.side; or how "
-        "many partners each first object gets, drawn evenly from the seed; or a list of [first, second]. Paper: all.",
+        description="Which objects are picked one after the other: `all` of styles.pinch with all of styles.side; or "
+        "how many partners each first object gets, drawn evenly from the seed; or a list of [first, second]. Paper: all.",
     )
     objects: dict[str, ObjectParameters] = Field(description="Objects from packages and recipes, by name.")
     meshes: dict[str, MeshParameters] = Field(description="Objects from the user's own files, by name.")
@@ -198,7 +198,6 @@ class Parameters(Section):
             if {"frequency"} & set(setting.physics) or {"control_frequency"} & set(setting.evaluate):
                 raise ValueError(f"harder.settings.{name}: frequencies are the same in all settings; remove them there")
         return self
-
 
     def partners(self) -> dict[str, tuple[str, ...]]:
         """Return, for each first object, the objects that are picked after it."""
