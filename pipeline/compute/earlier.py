@@ -1,9 +1,10 @@
 """What a stage made before, read from DVC's cache.
 
 DVC removes a stage's outputs before it runs its command. They are still in the cache, under the hashes that
-``dvc.lock`` or DVC's record of earlier runs names: a directory is a JSON list of relative paths and md5 sums, a file lies under
-``files/md5/<first two digits>/<the others>`` (https://dvc.org/doc/user-guide/project-structure/internal-files). Nothing
-is written there, and no file is used whose content is not what its name says.
+``dvc.lock`` or DVC's record of earlier runs names: a directory is a JSON list of relative paths and md5 sums, a file
+lies under ``files/md5/<first two digits>/<the others>``
+(https://dvc.org/doc/user-guide/project-structure/internal-files). Nothing is written there, and no file is used whose
+content is not what its name says.
 """
 
 from __future__ import annotations

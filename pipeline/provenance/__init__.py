@@ -1,1 +1,0 @@
-"""Which code a command runs: the modules that it imports, what they say, and one fingerprint of all."""
