@@ -129,7 +129,12 @@ def rendering(
 
 
 def render_capture(
-    folder: Path, name: str, objects: Mapping[str, PreparedObject], settings: RenderingParameters, seed: int, workers: int
+    folder: Path,
+    name: str,
+    objects: Mapping[str, PreparedObject],
+    settings: RenderingParameters,
+    seed: int,
+    workers: int,
 ) -> None:
     """Render a capture into ``folder``, as a whole.
 

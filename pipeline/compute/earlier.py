@@ -1,9 +1,10 @@
 """What a stage made before, read from DVC's cache.
 
-DVC removes a stage's outputs before it runs its command. They are still in the cache, under the hashes that ``dvc.lock``
-or DVC's record of earlier runs names: a directory is a JSON list of relative paths and md5 sums, a file lies under
-``files/md5/<first two digits>/<the others>`` (https://dvc.org/doc/user-guide/project-structure/internal-files). Nothing
-is written there, and no file is used whose content is not what its name says.
+DVC removes a stage's outputs before it runs its command. They are still in the cache, under the hashes that
+``dvc.lock`` or DVC's record of earlier runs names: a directory is a JSON list of relative paths and md5 sums, a file
+lies under ``files/md5/<first two digits>/<the others>``
+(https://dvc.org/doc/user-guide/project-structure/internal-files). Nothing is written there, and no file is used whose
+content is not what its name says.
 """
 
 from __future__ import annotations
@@ -113,7 +114,9 @@ def _recorded_outputs(stage: str, index: Path, cache: Path) -> Iterator[dict[str
 
 def _outputs(entry: Any) -> dict[str, str]:
     outs = entry.get("outs", []) if isinstance(entry, dict) else []
-    return {str(out["path"]): str(out["md5"]) for out in outs if isinstance(out, dict) and {"path", "md5"} <= out.keys()}
+    return {
+        str(out["path"]): str(out["md5"]) for out in outs if isinstance(out, dict) and {"path", "md5"} <= out.keys()
+    }
 
 
 def _parse(text: str) -> Any:

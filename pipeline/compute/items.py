@@ -1,7 +1,7 @@
 """Items of a stage: only those are computed that were not made before with the same fingerprint.
 
-An item is what a stage computes independently of others: an object, an object in a style, a pair, a trial, a capture. Its
-fingerprint stands for everything that its result depends on: code, parameters, bytes of inputs, seed. Results of an
+An item is what a stage computes independently of others: an object, an object in a style, a pair, a trial, a capture.
+Its fingerprint stands for everything that its result depends on: code, parameters, bytes of inputs, seed. Results of an
 earlier run are taken from DVC's cache (:mod:`pipeline.compute.earlier`), those of an interrupted run from where it kept
 them (:mod:`pipeline.compute.unfinished`). Either way the output has the bytes of a run from nothing.
 """

@@ -72,7 +72,10 @@ def run_one(work: Work[Result], workers: Workers, label: str) -> Result:
 
 
 def run_on(
-    executor: Executor, works: Sequence[tuple[str, Callable[[], Work[Any]]]], label: str, done: Callable[[str, Any], None]
+    executor: Executor,
+    works: Sequence[tuple[str, Callable[[], Work[Any]]]],
+    label: str,
+    done: Callable[[str, Any], None],
 ) -> None:
     """Run all items on an executor; see :func:`run_all`."""
     with Bar(len(works), label) as bar:

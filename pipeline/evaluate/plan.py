@@ -1,8 +1,9 @@
 """A proposed sequence for a robot's controller, with the hardware's limits checked; nothing here talks to hardware.
 
-`python -m pipeline.evaluate.plan --table data/merge/cube.parquet --second soup_can` plans from the start posture to both
-objects held up, for one grasp of the pair, and writes plan.json and plan.csv. With `--play` the very same way-points run
-in simulation: playback.json says what came of it, playback.png shows it. docs/plan.md explains the files.
+`python -m pipeline.evaluate.plan --table data/merge/cube.parquet --second soup_can` plans from the start posture to
+both objects held up, for one grasp of the pair, and writes plan.json and plan.csv. With `--play` the very same
+way-points run in simulation: playback.json says what came of it, playback.png shows it. docs/plan.md explains the
+files.
 Exit code: 0; 1 when the dry run did not hold both objects; 2 when there is no plan, and one sentence says why.
 
 With `--capture NAME` the objects are those that photos show, where they show them; the table is then of grasps of

@@ -48,9 +48,7 @@ def merge(only: str) -> None:
     workers = read_parameters().compute
     partners, seed = load_pairs(only), parameters["seed"]
     pairs = [(first, second) for first, seconds in partners.items() for second in seconds]
-    digests = {
-        f"{first}/{second}": digest(_digest("pinch", first), _digest("side", second)) for first, second in pairs
-    }
+    digests = {f"{first}/{second}": digest(_digest("pinch", first), _digest("side", second)) for first, second in pairs}
     from pipeline.merge.pairs import merging, summary
     from pipeline.pairing.combination import Pair
     from pipeline.pairing.grasps import distinct_grasps, validated_grasps

@@ -41,7 +41,10 @@ def prepare(only: str) -> None:
     parameters = load_parameters(sections())
     shapes: dict[str, Shape] = {**parameters["objects"], **parameters["meshes"]}
     if only and only not in shapes:
-        raise UserError(f"params.yaml: there is no object {only!r}; add it under objects or meshes, or use one of {', '.join(shapes)}.")
+        raise UserError(
+            f"params.yaml: there is no object {only!r}; add it under objects or meshes, or use one of "
+            f"{', '.join(shapes)}."
+        )
     from pipeline.prepare.sources import check_source
 
     for name in [only] if only else shapes:

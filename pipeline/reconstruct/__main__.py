@@ -1,6 +1,7 @@
 """Reconstruct objects from photos: ``data/reconstruct/<capture>/``.
 
-`python -m pipeline.reconstruct` brings all captures of params.yaml up to date, `--capture demo` reconstructs one by hand.
+`python -m pipeline.reconstruct` brings all captures of params.yaml up to date, `--capture demo` reconstructs one by
+hand.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ import dataclasses
 import hashlib
 import io
 import json
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +64,7 @@ def _bytes_of_table(table: Any) -> bytes:
     return target.getvalue()
 
 
-@lru_cache(maxsize=None)
+@cache
 def file_digest(source: Path, made_by: str) -> str:
     """Return the digest of a file's content, as it was when it was first asked for.
 
@@ -77,7 +77,7 @@ def file_digest(source: Path, made_by: str) -> str:
         raise UserError(f"{source} is missing; run `dvc repro {made_by}` to make it.") from error
 
 
-@lru_cache(maxsize=None)
+@cache
 def folder_digest(folder: Path, made_by: str) -> str:
     """Return the digest of all files below a folder, as they were when it was first asked for.
 

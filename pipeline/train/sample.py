@@ -4,8 +4,8 @@
 draws those of the pairs that begin with one object by hand: ``data/sample/learned/<object>.parquet``, tables like those
 of ``merge``, and ``quality.json``.
 
-`--source reconstructed` draws them for objects as photos show them, the pairs under ``reconstructed`` in params.yaml. It
-knows nothing else of the objects, and writes ``data/sample/reconstructed`` in the frames of the reconstructions.
+`--source reconstructed` draws them for objects as photos show them, the pairs under ``reconstructed`` in params.yaml.
+It knows nothing else of the objects, and writes ``data/sample/reconstructed`` in the frames of the reconstructions.
 
 `python -m pipeline.train.sample --object0 FILE --object1 FILE -n 25` draws them for two objects of your own, meshes or
 point clouds in metres, and writes grasps.parquet, grasps.json and grasps.html.

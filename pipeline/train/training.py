@@ -221,7 +221,9 @@ def _deterministic(settings: OptimizationParameters) -> Iterator[None]:
 def training_identity(examples: Examples, settings: TrainingParameters, seed: int) -> str:
     """Return a digest of all that the weights depend on: a state of another run must not be resumed."""
     names = {"data": {"held_out_objects"}}  # what is not learned from is not among the examples either
-    digest = hashlib.sha256(f"{settings.model_dump_json(exclude=names)} {seed} {examples.pairs} {torch.__version__}".encode())
+    digest = hashlib.sha256(
+        f"{settings.model_dump_json(exclude=names)} {seed} {examples.pairs} {torch.__version__}".encode()
+    )
     for array in (examples.grasps.T_hand_object, examples.grasps.q, examples.pair, examples.clouds.points):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

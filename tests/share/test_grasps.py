@@ -159,11 +159,3 @@ def test_columns_that_a_later_version_adds_do_no_harm(folder):
     table = pq.read_table(path)
     pq.write_table(table.append_column("mood", pa.array([1.0] * len(table))), path)
     assert list(load_grasps(folder).columns) == ["source", *MERGED.names]
-
-
-def test_records_offers_the_function_too():
-    import pipeline.records
-
-    assert pipeline.records.load_grasps is load_grasps
-    with pytest.raises(AttributeError, match="no attribute 'load_things'"):
-        pipeline.records.load_things  # noqa: B018

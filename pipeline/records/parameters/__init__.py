@@ -60,8 +60,8 @@ class Parameters(Section):
     styles: StylesParameters
     pairs: PairsParameter = Field(
         description="Which objects are picked one after the other: `all` of styles.pinch with all of styles.side; or "
-        "how many partners each first object gets, drawn evenly from the seed; or a list of [first, second]. Paper: "
-        "all.",
+        "how many partners each first object gets, drawn evenly from the seed; or a list of [first, second]. "
+        "Paper: all.",
     )
     objects: dict[str, ObjectParameters] = Field(description="Objects from packages and recipes, by name.")
     meshes: dict[str, MeshParameters] = Field(description="Objects from the user's own files, by name.")

@@ -25,8 +25,8 @@ class TrainDataParameters(Section):
     )
     held_out_objects: list[str] = Field(
         [],
-        description="Objects of which the model learns nothing. As long as new objects are here, the model stays what it "
-        "is, and with it its grasps of all other objects. Paper's code: none.",
+        description="Objects of which the model learns nothing. As long as new objects are here, the model stays what "
+        "it is, and with it its grasps of all other objects. Paper's code: none.",
     )
     normalise: bool = Field(True, description="Zero mean and unit variance per dimension. Paper's code: off.")
     cloud_noise: float = Field(

@@ -1,0 +1,154 @@
+"""A line of `code.yaml` changes with everything on which the results of its stages depend, and with nothing else."""
+
+import pytest
+
+from pipeline.provenance.lines import code_line, code_lines, pins
+from pipeline.records.errors import UserError
+
+PARAMETERS = "pipeline/records/parameters/__init__.py"
+
+
+def grow(repository) -> str:
+    return code_lines(repository.root)["grow"]
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [
+        ("pipeline/grow/__main__.py", "# late", "# in time"),
+        ("pipeline/grow/__main__.py", "Grow.", "Grow it."),
+        ("pipeline/grow/__main__.py", "import torch", "import pandas"),
+        ("pipeline/grow/__init__.py", "Growing.", "Growth."),
+        ("pipeline/others/__init__.py", "pass", "x = 1"),
+        ("pipeline/others/picture.svg", "<svg/>", "<svg></svg>"),
+        ("pipeline/records/parameters/grow.py", "How fast.", "How fast, 1/s."),
+        ("pipeline/records/parameters/shrink.py", "0.1", "0.2"),
+        (PARAMETERS, "Seed.", "The seed."),
+        (PARAMETERS, "LIMIT = 3", "LIMIT = 4"),  # of a check
+        (PARAMETERS, 'ValueError("no")', 'ValueError("never")'),
+        (PARAMETERS, "return self.grow, self.validate_", "return self.validate_, self.grow"),  # of another section too
+        (PARAMETERS, 'Field(alias="shrink")', 'Field(alias="shrink", frozen=True)'),
+        (PARAMETERS, "grow: GrowParameters\n", "grow: GrowParameters\n    added: dict[str, int]\n"),
+        ("constraints.txt", "trimesh==4.0", "trimesh==4.1"),
+        ("constraints.txt", "torch==2.6", "torch==2.7"),
+        ("params.yaml", "rate: 0.5", "rate: 0.6"),
+        ("dvc.yaml", "--item", "--thing"),
+    ],
+)
+def test_what_no_result_depends_on_leaves_the_line(repository, file, old, new):
+    before = grow(repository)
+    repository.edit(file, old, new)
+    assert grow(repository) == before
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [
+        ("pipeline/grow/__main__.py", '["grow"]', '["growth"]'),
+        ("pipeline/shared/rounding.py", "/ 2", "/ 3"),  # imported inside a function, by an import of another one
+        ("pipeline/shared/sums.py", "import json", "import json\nimport trimesh"),
+        ("pipeline/shared/palette.css", "red", "blue"),
+        ("pipeline/shared/deeper/table.txt", "3", "4"),
+        ("pipeline/records/parameters/grow.py", "gt=0", "ge=0"),
+        ("pipeline/records/parameters/section.py", "pass", "x = 1"),
+        (PARAMETERS, "getattr(Parameters(), name)", "getattr(Parameters(), name, None)"),
+        (PARAMETERS, "grow: GrowParameters\n", "grow: GrowParameters = GrowParameters()\n"),
+        ("constraints.txt", "numpy==2.0", "numpy==2.1"),
+        ("constraints.txt", "PyYAML==6.0", "PyYAML==6.1"),
+        ("dvc.yaml", "grow, {code", "grow, shrink, {code"),  # of the section's own code
+    ],
+)
+def test_what_a_result_depends_on_changes_the_line(repository, file, old, new):
+    before = grow(repository)
+    repository.edit(file, old, new)
+    assert grow(repository) != before
+
+
+def test_a_file_that_comes_or_goes_changes_the_line(repository):
+    before = grow(repository)
+    repository.write("pipeline/shared/new.json", "{}")
+    assert grow(repository) != before
+    (repository.root / "pipeline/shared/new.json").unlink()
+    assert grow(repository) == before
+
+
+def test_the_place_of_the_repository_does_not_count(repository, tmp_path_factory):
+    from shutil import copytree
+
+    other = tmp_path_factory.mktemp("other") / "copy"
+    copytree(repository.root, other)
+    assert code_lines(other) == code_lines(repository.root)
+
+
+def test_a_command_that_shows_descriptions_depends_on_them(repository):
+    repository.edit("pipeline/shared/sums.py", "import json", "fields = object.model_fields")
+    before = grow(repository)
+    repository.edit("pipeline/records/parameters/grow.py", "How fast.", "How fast, 1/s.")
+    assert grow(repository) != before
+
+
+def test_settings_are_all_values_but_those_of_compute(repository):
+    def settings():
+        return code_lines(repository.root)["settings"]
+
+    before = settings()
+    repository.edit("params.yaml", "workers: 2", "workers: 4")
+    repository.edit("params.yaml", "seed: 1\n", "# the seed\nseed:   1\n")
+    assert settings() == before
+    repository.edit("params.yaml", "rate: 0.5", "rate: 0.6")
+    assert settings() != before
+
+
+def test_a_stage_that_shows_all_settings_reads_all_sections(repository):
+    repository.edit("dvc.yaml", "code.yaml: [grow]", "code.yaml: [grow, settings]")
+    before = grow(repository)
+    repository.edit("pipeline/records/parameters/shrink.py", "    pass", "    x = 1")
+    assert grow(repository) != before
+
+
+def test_every_command_has_a_line_and_no_other(repository):
+    lines = code_lines(repository.root)
+    assert list(lines) == ["grow", "settings"]
+    assert all(len(digest) >= 16 and int(digest, 16) >= 0 for digest in lines.values())
+    assert code_line(repository.root, "grow") == lines["grow"]
+    with pytest.raises(UserError):
+        code_line(repository.root, "shrink")
+
+
+def test_stages_of_one_line_share_their_sections(repository):
+    before = grow(repository)
+    text = (repository.root / "dvc.yaml").read_text()
+    again = "  again:\n    cmd: python -m pipeline.grow --again\n    params: [shrink, {code.yaml: [grow]}]\n"
+    (repository.root / "dvc.yaml").write_text(text + again)
+    assert grow(repository) != before
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "said"),
+    [
+        ("dvc.yaml", ", {code.yaml: [grow]}", "", "stage grow"),
+        ("dvc.yaml", "[grow]}", "[grow, more]}", "stage grow"),
+        ("dvc.yaml", "./build\n", "python -m pipeline.others\n    params: [{code.yaml: [grow]}]\n", "stage elsewhere"),
+        ("dvc.yaml", "pipeline.grow", "pipeline.gorw", "pipeline.gorw"),
+        ("dvc.yaml", "stages:", "stages: [", "dvc.yaml"),
+        ("params.yaml", "seed: 1", "seed: [", "params.yaml"),
+        ("constraints.txt", "numpy==2.0\n", "", "numpy"),
+    ],
+)
+def test_what_does_not_fit_is_one_sentence(repository, file, old, new, said):
+    repository.edit(file, old, new)
+    with pytest.raises(UserError) as error:
+        code_lines(repository.root)
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_real_pins_are_those_of_what_is_installed():
+    """By the record that pip keeps of what every distribution brought."""
+    from importlib.metadata import packages_distributions
+    from pathlib import Path
+
+    known = packages_distributions()
+    for package in ("cv2", "numpy", "PIL", "sapien", "torch", "warp", "yaml"):
+        (pin,) = pins(Path(__file__).resolve().parents[2], [package])
+        assert pin.split("==")[0].lower() in {name.lower() for name in known[package]}
