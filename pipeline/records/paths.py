@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 PARAMETERS_FILE = Path("params.yaml")
+RAW_FOLDER = Path("data/raw")  # what the user brings: meshes and photos
 MODEL_FOLDER = Path("models/train")
 TRAINING_STATE = Path("models/unfinished.pt")
 REPORT_PAGE = Path("reports/index.html")

@@ -275,6 +275,11 @@ def read_table(source: Path, schema: pa.Schema, made_by: str) -> pd.DataFrame:
         raise UserError(f"{source} is damaged or not a parquet file; delete it and {mend}.") from error
 
 
+def pair_rows(table: pd.DataFrame, second: str) -> pd.DataFrame:
+    """Return the rows of one pair, from a table of grasps or trials of all pairs that begin with one object."""
+    return table[table["object1"] == second].reset_index(drop=True)
+
+
 def check_size(source: Path | BinaryIO) -> None:
     """Refuse a parquet file that claims more values than memory could hold: a few bytes can stand for any number.
 

@@ -91,8 +91,8 @@ class Parameters(Section):
         for name, mesh in self.meshes.items():
             if name in self.objects:
                 raise ValueError(f"the name {name!r} is in objects and in meshes; rename one")
-            if Path(mesh.file).is_absolute() or ".." in Path(mesh.file).parts:
-                raise ValueError(f"meshes.{name}.file leads out of the repository; copy the mesh to data/raw")
+            if not _inside(mesh.file, paths.RAW_FOLDER):
+                raise ValueError(f"meshes.{name}.file is not below {paths.RAW_FOLDER}; copy the mesh there")
         for style in ("pinch", "side"):
             names = getattr(self.styles, style)
             for name in names:
@@ -156,6 +156,13 @@ class Parameters(Section):
             for object_name in rendering.objects:
                 if object_name not in self.objects and object_name not in self.meshes:
                     raise ValueError(f"renderings.{name} shows the unknown object {object_name!r}; add it to objects")
+        rendered = {str(paths.capture_folder(name)) for name in self.renderings}
+        for name, capture in self.captures.items():
+            if str(Path(capture.folder)) not in rendered and not _inside(capture.folder, paths.RAW_FOLDER):
+                raise ValueError(
+                    f"captures.{name}.folder is neither a rendering's (data/capture/<name>) nor below "
+                    f"{paths.RAW_FOLDER}; copy the photos there"
+                )
         for first, item in self.reconstructed.items():
             if item.capture not in self.renderings or item.capture not in self.captures:
                 raise ValueError(
@@ -203,6 +210,11 @@ class Parameters(Section):
     def partners(self) -> dict[str, tuple[str, ...]]:
         """Return, for each first object, the objects that are picked after it."""
         return partners(self.styles.pinch, self.styles.side, self.pairs, self.seed)
+
+
+def _inside(path: str, folder: Path) -> bool:
+    """Return whether a path is below a folder of the repository."""
+    return Path(path).is_relative_to(folder) and Path(path) != folder and ".." not in Path(path).parts
 
 
 def _one_sentence(error: ValidationError, source: Path) -> str:
