@@ -18,7 +18,7 @@ from pipeline.records.errors import UserError
 from pipeline.records.running import run_stage
 from pipeline.records.writing import whole_file
 
-# What no stage runs may read docstrings: the builder of the documentation.
+# The builder of the documentation, which no stage runs.
 READS_DOCSTRINGS = Path("pipeline/website/reference.py")
 
 

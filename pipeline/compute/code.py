@@ -27,5 +27,5 @@ def own_fingerprint(line: str) -> str:
     except (OSError, ValueError, yaml.YAMLError):
         recorded = None
     if not isinstance(recorded, dict) or recorded.get(line) != current:
-        raise UserError(f"{paths.CODE_FILE} is older than pipeline/: run `dvc repro code` and then this again.")
+        raise UserError(f"{paths.CODE_FILE} is older than pipeline/: run `dvc repro --force code` and then this again.")
     return current

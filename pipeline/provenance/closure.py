@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import sys
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
@@ -71,6 +72,24 @@ def closure(root: Path, modules: Collection[str], sections: Collection[str] | No
     return Closure(dict(sorted(found.items())), frozenset(packages - sys.stdlib_module_names))
 
 
+def stated_sections(root: Path, module: str) -> frozenset[str]:
+    """Return the first parts of the names of all sections of ``params.yaml`` that a command may read.
+
+    They are the texts in its function ``sections``, wherever that is defined; a command without one may read all.
+
+    Raises:
+        UserError: a module is not valid Python.
+    """
+    file = module_file(root, module)
+    tree = _parsed(file) if file else ast.Module([], [])
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef) and node.name == "sections":
+            return frozenset(selection.first_parts(node)) or selection.ALL
+        if isinstance(node, ast.ImportFrom) and "sections" in {alias.asname or alias.name for alias in node.names}:
+            return stated_sections(root, node.module or "")
+    return selection.ALL
+
+
 def _with_parents(module: str) -> list[str]:
     """Return the modules that are run to import one: of ``a.b.c`` also ``a`` and ``a.b``."""
     parts = module.split(".")
@@ -88,14 +107,24 @@ def _needed_parameters(module: str, imported: str, is_module: bool) -> str:
 
 def _source(file: Path, name: str, used: Collection[str], sections: Collection[str] | None) -> Source:
     package = name if file.name == "__init__.py" else name.rpartition(".")[0]
+    if name == selection.MODULE and sections is not None:
+        return source_of(selection.used_statements(_parsed(file), used, sections), package)
     try:
-        text = file.read_text(encoding="utf-8")
-        if name == selection.MODULE and sections is not None:
-            return source_of(selection.used_statements(parsed(text), used, sections), package)
-        return source(text, package)
+        return source(file.read_text(encoding="utf-8"), package)
     except (SyntaxError, ValueError) as error:
-        line = getattr(error, "lineno", None)
-        raise UserError(f"{file}{f', line {line}' if line else ''}: this is not valid Python; correct it.") from error
+        raise _no_python(file, error) from error
+
+
+def _parsed(file: Path) -> ast.Module:
+    try:
+        return parsed(file.read_text(encoding="utf-8"))
+    except (SyntaxError, ValueError) as error:
+        raise _no_python(file, error) from error
+
+
+def _no_python(file: Path, error: Exception) -> UserError:
+    line = getattr(error, "lineno", None)
+    return UserError(f"{file}{f', line {line}' if line else ''}: this is not valid Python; correct it.")
 
 
 def data_files(root: Path, modules: Collection[str]) -> list[Path]:

@@ -8,16 +8,14 @@ A stage names its line among its parameters, so that DVC runs it again when, and
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 from collections.abc import Collection
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from pipeline.provenance.closure import closure, data_files, module_file
+from pipeline.provenance.closure import closure, data_files, module_file, stated_sections
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.texts import parse_yaml
@@ -42,21 +40,13 @@ _DISTRIBUTIONS = {
 }
 
 
-@dataclass(frozen=True)
-class Command:
-    """What the stages of one line run."""
-
-    modules: tuple[str, ...]
-    sections: frozenset[str]  # of params.yaml: the first parts of their names
-
-
 def code_lines(root: Path) -> dict[str, str]:
     """Return all lines of ``code.yaml``.
 
     Raises:
         UserError: ``dvc.yaml``, ``params.yaml`` or a module cannot be read, or says something that does not fit.
     """
-    lines = {line: fingerprint(root, command) for line, command in declared_commands(root).items()}
+    lines = {line: fingerprint(root, modules) for line, modules in declared_commands(root).items()}
     return dict(sorted({**lines, SETTINGS: settings_digest(root)}.items()))
 
 
@@ -84,23 +74,18 @@ def _mapping(file: Path) -> dict[str, Any]:
     return content
 
 
-def _settings(root: Path) -> dict[str, Any]:
-    content = _mapping(root / paths.PARAMETERS_FILE)
-    return {name: value for name, value in content.items() if name != IRRELEVANT}
-
-
 def settings_digest(root: Path) -> str:
-    """Return a fingerprint of the values in ``params.yaml`` on which results depend, whatever their order.
+    """Return a fingerprint of the values in ``params.yaml`` on which results depend, in their order.
 
     Raises:
         UserError: the file is missing or is not YAML.
     """
-    text = json.dumps(_settings(root), sort_keys=True, default=repr)
-    return hashlib.sha256(text.encode()).hexdigest()[:_LENGTH]
+    values = {name: value for name, value in _mapping(root / paths.PARAMETERS_FILE).items() if name != IRRELEVANT}
+    return hashlib.sha256(ascii(values).encode()).hexdigest()[:_LENGTH]
 
 
-def declared_commands(root: Path) -> dict[str, Command]:
-    """Return what the stages of ``dvc.yaml`` run, by the line of ``code.yaml`` that they name.
+def declared_commands(root: Path) -> dict[str, tuple[str, ...]]:
+    """Return the modules that the stages of ``dvc.yaml`` run, by the line of ``code.yaml`` that they name.
 
     Several stages may name one line, if they run the same modules.
 
@@ -108,30 +93,25 @@ def declared_commands(root: Path) -> dict[str, Command]:
         UserError: a stage runs code of this project and names no line, or more than one; or two stages name one line
             and run different modules; or a module does not exist.
     """
-    found: dict[str, Command] = {}
+    found: dict[str, tuple[str, ...]] = {}
     stages = _mapping(root / _STAGES_FILE).get("stages")
     for name, stage in (stages if isinstance(stages, dict) else {}).items():
         body = stage.get("do", stage) if isinstance(stage, dict) else {}
         modules = _modules(root, name, body.get("cmd", ""))
         if not modules or _WRITER in modules:
             continue
-        names, sections = _parameters(body.get("params", []))
-        lines = names - {SETTINGS}
+        lines = _named_lines(body.get("params", [])) - {SETTINGS}
         if len(lines) != 1:
             raise UserError(
                 f"{_STAGES_FILE}: the stage {name} names {len(lines) or 'no'} line{'s' * (len(lines) > 1)} of "
                 f"{paths.CODE_FILE}; write one under its params, such as `- {paths.CODE_FILE}: [{name}]`."
             )
         line = lines.pop()
-        if SETTINGS in names:
-            sections |= _settings(root).keys()
-        known = found.setdefault(line, Command(modules, frozenset()))
-        if known.modules != modules:
+        if found.setdefault(line, modules) != modules:
             raise UserError(
                 f"{_STAGES_FILE}: the stage {name} names the line {line!r} of {paths.CODE_FILE}, which is that of "
-                f"{', '.join(known.modules)}; give it a line of its own."
+                f"{', '.join(found[line])}; give it a line of its own."
             )
-        found[line] = Command(modules, known.sections | sections)
     return found
 
 
@@ -147,21 +127,14 @@ def _modules(root: Path, stage: str, command: Any) -> tuple[str, ...]:
     return tuple(modules)
 
 
-def _parameters(declared: Any) -> tuple[set[str], set[str]]:
-    """Return the lines of ``code.yaml`` and the sections of ``params.yaml`` that ``params:`` of a stage names."""
-    lines: set[str] = set()
-    sections: set[str] = set()
-    for entry in declared if isinstance(declared, list) else []:
-        for file, names in entry.items() if isinstance(entry, dict) else [(str(paths.PARAMETERS_FILE), [entry])]:
-            if file == str(paths.CODE_FILE):
-                lines |= {str(name) for name in names or []}
-            elif file == str(paths.PARAMETERS_FILE):
-                sections |= {str(name).split(".")[0] for name in names or []}
-    return lines, sections
+def _named_lines(declared: Any) -> set[str]:
+    """Return the lines of ``code.yaml`` that ``params:`` of a stage names."""
+    files = [entry for entry in (declared if isinstance(declared, list) else []) if isinstance(entry, dict)]
+    return {str(name) for entry in files for name in entry.get(str(paths.CODE_FILE)) or []}
 
 
-def fingerprint(root: Path, command: Command) -> str:
-    """Return the fingerprint of all code that a command can run.
+def fingerprint(root: Path, modules: Collection[str]) -> str:
+    """Return the fingerprint of all code that a command can run which runs ``modules``.
 
     It is made of the syntax trees of the modules in the import closure without what does nothing (comments, docstrings,
     descriptions of parameters unless some module reads them), of the data files beside them, and of the pinned versions
@@ -170,7 +143,7 @@ def fingerprint(root: Path, command: Command) -> str:
     Raises:
         UserError: a module is not valid Python, or imports a package that ``constraints.txt`` does not name.
     """
-    reached = closure(root, command.modules, command.sections)
+    reached = closure(root, modules, {section for module in modules for section in stated_sections(root, module)})
     described = any(module.reads_descriptions for module in reached.modules.values())
     digest = hashlib.sha256()
     for name, module in reached.modules.items():

@@ -10,7 +10,8 @@ import ast
 from collections.abc import Collection, Iterator
 
 MODULE = "pipeline.records.parameters"
-ALL_SECTIONS = "Parameters"  # the class with a field for every section
+CLASS = "Parameters"  # which has a field for every section
+ALL = frozenset({"*"})  # sections, where a command does not state its own
 
 
 def used_statements(tree: ast.Module, names: Collection[str], sections: Collection[str]) -> list[ast.stmt]:
@@ -18,11 +19,11 @@ def used_statements(tree: ast.Module, names: Collection[str], sections: Collecti
 
     Args:
         names: what other modules import from it; ``*``: everything.
-        sections: first parts of their names, such as ``synthesize``.
+        sections: first parts of their names, such as ``synthesize``; or :data:`ALL`.
     """
     body = [
         _with_sections(statement, sections)
-        if isinstance(statement, ast.ClassDef) and statement.name == ALL_SECTIONS
+        if isinstance(statement, ast.ClassDef) and statement.name == CLASS
         else statement
         for statement in tree.body
     ]
@@ -36,10 +37,17 @@ def used_statements(tree: ast.Module, names: Collection[str], sections: Collecti
     return [part for statement in body for part in _part(statement, used)]
 
 
+def first_parts(function: ast.FunctionDef) -> set[str]:
+    """Return the first parts of all dotted names among the texts of a function's code."""
+    body = function.body[ast.get_docstring(function) is not None :]
+    constants = [node.value for each in body for node in ast.walk(each) if isinstance(node, ast.Constant)]
+    return {text.split(".")[0] for text in constants if isinstance(text, str)}
+
+
 def _with_sections(parameters: ast.ClassDef, sections: Collection[str]) -> ast.ClassDef:
     """Return the class with the fields of ``sections``, the methods that read no others, and no validators."""
     fields = {each.target.id: each for each in parameters.body if _is_field(each)}  # type: ignore[attr-defined]
-    own = {name for name, field in fields.items() if {name, _alias(field)} & set(sections)}
+    own = {name for name, field in fields.items() if {"*", name, _alias(field)} & set(sections)}
     kept: list[ast.stmt] = []
     for statement in parameters.body:
         if _is_field(statement):

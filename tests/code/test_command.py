@@ -51,21 +51,21 @@ def test_digests_that_look_like_numbers_stay_texts(working_copy, monkeypatch):
 
 
 def test_a_stage_with_other_code_than_recorded_is_refused(working_copy, run_module):
-    with pytest.raises(UserError, match="dvc repro code"):
+    with pytest.raises(UserError, match="dvc repro --force code"):
         own_fingerprint("capture")
     run_module("pipeline.code", folder=working_copy)
     sensor, trial = Path("pipeline/capture/sensor.py"), Path("pipeline/evaluate/trial.py")
     trial.write_text(trial.read_text() + "\nLIMIT = 1\n")
     own_fingerprint("capture")
-    with pytest.raises(UserError, match="dvc repro code"):
+    with pytest.raises(UserError, match="dvc repro --force code"):
         own_fingerprint("harder")
     sensor.write_text(sensor.read_text() + "\n# a remark\n")
     own_fingerprint("capture")
     sensor.write_text(sensor.read_text() + "\nLIMIT = 1\n")
-    with pytest.raises(UserError, match="dvc repro code"):
+    with pytest.raises(UserError, match="dvc repro --force code"):
         own_fingerprint("capture")
     paths.CODE_FILE.write_text("half: [")
-    with pytest.raises(UserError, match="dvc repro code"):
+    with pytest.raises(UserError, match="dvc repro --force code"):
         own_fingerprint("capture")
 
 

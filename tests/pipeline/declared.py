@@ -69,33 +69,36 @@ def _filled(value, variables: dict[str, str]):
     return re.sub(r"\$\{([\w.]+)\}", lambda match: variables[match[1]], value)
 
 
+def _items(body: dict) -> list[tuple[str, dict[str, str]]]:
+    """Names of the items of a ``foreach`` list or dictionary, with what their variables stand for."""
+    each = body.get("foreach")
+    if each is None:
+        return [("", {})]
+    if isinstance(each, list):
+        return [(f"@{name}", {"item": name}) for name in each]
+    return [
+        (f"@{name}", {"key": name, **{f"item.{field}": str(value) for field, value in fields.items()}})
+        for name, fields in each.items()
+    ]
+
+
 def declared_stages(root: Path) -> list[Stage]:
-    """Return all stages of ``dvc.yaml``, with the objects and styles of ``params.yaml``."""
+    """Return all stages of ``dvc.yaml``, for the hand of ``params.yaml``; their lines of code.yaml are left out."""
     content = yaml.safe_load((root / "dvc.yaml").read_text())
-    parameters = yaml.safe_load((root / "params.yaml").read_text())
+    hand = yaml.safe_load((root / "params.yaml").read_text())["hand"]
     found = []
     for name, stage in content["stages"].items():
         body = stage.get("do", stage)
-        if "foreach" in stage:
-            value = parameters
-            for part in stage["foreach"].strip("${}").split("."):
-                value = value[part]
-            items = []
-            for key in value:
-                fields = value[key] if isinstance(value, dict) else {}
-                fields = {f"item.{field}": str(content) for field, content in fields.items()}
-                items.append((f"{name}@{key}", {"key": key, "item": key, **fields}))
-        else:
-            items = [(name, {})]
-        for full_name, own in items:
-            variables = {"hand": parameters["hand"], **own}
-            commands = body["cmd"] if isinstance(body["cmd"], list) else [body["cmd"]]
+        for suffix, own in _items(stage):
+            variables = {"hand": hand, **own}
             found.append(
                 Stage(
-                    name=full_name,
-                    command=_filled(commands[-1], variables),
+                    name=name + suffix,
+                    command=_filled(body["cmd"], variables),
                     dependencies=tuple(_filled(entry, variables) for entry in body["deps"]),
-                    parameters=tuple(_filled(entry, variables) for entry in body["params"]),
+                    parameters=tuple(
+                        _filled(entry, variables) for entry in body.get("params", []) if isinstance(entry, str)
+                    ),
                     outputs=tuple(
                         _filled(entry, variables) for entry in [*body.get("outs", []), *body.get("metrics", [])]
                     ),

@@ -15,6 +15,10 @@ FILES = {
             import torch
             from pipeline.others import Thing
 
+        def sections(item: str) -> list[str]:
+            \"\"\"shrink\"\"\"
+            return ["seed", f"grow.{item}"]
+
         def grow(thing: Thing) -> int:
             \"\"\"Grow.\"\"\"
             from pipeline.shared import sums  # late

@@ -1,10 +1,14 @@
 """A line of `code.yaml` changes with everything on which the results of its stages depend, and with nothing else."""
 
+from pathlib import Path
+
 import pytest
 
+from pipeline.provenance.closure import stated_sections
 from pipeline.provenance.lines import code_line, code_lines, pins
 from pipeline.records.errors import UserError
 
+ROOT = Path(__file__).resolve().parents[2]
 PARAMETERS = "pipeline/records/parameters/__init__.py"
 
 
@@ -24,6 +28,7 @@ def grow(repository) -> str:
         ("pipeline/records/parameters/grow.py", "How fast.", "How fast, 1/s."),
         ("pipeline/records/parameters/shrink.py", "0.1", "0.2"),
         (PARAMETERS, "Seed.", "The seed."),
+        ("pipeline/grow/__main__.py", '"""shrink"""', '"""Shrink."""'),
         (PARAMETERS, "LIMIT = 3", "LIMIT = 4"),  # of a check
         (PARAMETERS, 'ValueError("no")', 'ValueError("never")'),
         (PARAMETERS, "return self.grow, self.validate_", "return self.validate_, self.grow"),  # of another section too
@@ -33,6 +38,7 @@ def grow(repository) -> str:
         ("constraints.txt", "torch==2.6", "torch==2.7"),
         ("params.yaml", "rate: 0.5", "rate: 0.6"),
         ("dvc.yaml", "--item", "--thing"),
+        ("dvc.yaml", "grow, {code", "shrink, {code"),
     ],
 )
 def test_what_no_result_depends_on_leaves_the_line(repository, file, old, new):
@@ -55,7 +61,7 @@ def test_what_no_result_depends_on_leaves_the_line(repository, file, old, new):
         (PARAMETERS, "grow: GrowParameters\n", "grow: GrowParameters = GrowParameters()\n"),
         ("constraints.txt", "numpy==2.0", "numpy==2.1"),
         ("constraints.txt", "PyYAML==6.0", "PyYAML==6.1"),
-        ("dvc.yaml", "grow, {code", "grow, shrink, {code"),  # of the section's own code
+        ("pipeline/grow/__main__.py", '["seed", f"grow.{item}"]', '["seed", f"grow.{item}", "shrink"]'),
     ],
 )
 def test_what_a_result_depends_on_changes_the_line(repository, file, old, new):
@@ -99,11 +105,47 @@ def test_settings_are_all_values_but_those_of_compute(repository):
     assert settings() != before
 
 
-def test_a_stage_that_shows_all_settings_reads_all_sections(repository):
-    repository.edit("dvc.yaml", "code.yaml: [grow]", "code.yaml: [grow, settings]")
+def test_a_command_that_states_no_sections_may_read_all(repository):
+    repository.edit("pipeline/grow/__main__.py", "def sections", "def other")
     before = grow(repository)
     repository.edit("pipeline/records/parameters/shrink.py", "    pass", "    x = 1")
     assert grow(repository) != before
+
+
+def test_sections_may_be_stated_in_another_module(repository):
+    repository.edit(
+        "pipeline/grow/__main__.py", "def sections", "from pipeline.shared.inputs import sections\n\ndef other"
+    )
+    repository.write("pipeline/shared/inputs.py", "def sections():\n    return ['grow']\n")
+    before = grow(repository)
+    repository.edit("pipeline/records/parameters/shrink.py", "    pass", "    x = 1")
+    assert grow(repository) == before
+    repository.edit("pipeline/shared/inputs.py", "['grow']", "['shrink']")
+    middle = grow(repository)
+    repository.edit("pipeline/records/parameters/shrink.py", "    x = 1", "    x = 2")
+    assert len({before, middle, grow(repository)}) == 3
+
+
+REAL = {
+    "pipeline.prepare.__main__": {},
+    "pipeline.synthesize.__main__": {"style": "pinch"},
+    "pipeline.merge.__main__": {},
+    "pipeline.train.__main__": {},
+    "pipeline.train.sample": {"source": "reconstructed"},
+    "pipeline.report.__main__": {},
+}
+
+
+@pytest.mark.parametrize("module", REAL)
+def test_stated_sections_hold_those_that_the_function_returns(module):
+    from importlib import import_module
+    from inspect import signature
+
+    function = import_module(module).sections
+    returned = function(**{name: REAL[module].get(name, "x") for name in signature(function).parameters})
+    stated = stated_sections(ROOT, module)
+    assert {name.split(".")[0] for name in returned} <= stated
+    assert "compute" not in stated and "*" not in stated
 
 
 def test_every_command_has_a_line_and_no_other(repository):
@@ -115,12 +157,12 @@ def test_every_command_has_a_line_and_no_other(repository):
         code_line(repository.root, "shrink")
 
 
-def test_stages_of_one_line_share_their_sections(repository):
-    before = grow(repository)
+def test_stages_that_run_the_same_may_share_a_line(repository):
+    before = code_lines(repository.root)
     text = (repository.root / "dvc.yaml").read_text()
-    again = "  again:\n    cmd: python -m pipeline.grow --again\n    params: [shrink, {code.yaml: [grow]}]\n"
+    again = "  again:\n    cmd: python -m pipeline.grow --again\n    params: [shrink, {code.yaml: [grow, settings]}]\n"
     (repository.root / "dvc.yaml").write_text(text + again)
-    assert grow(repository) != before
+    assert code_lines(repository.root) == before
 
 
 @pytest.mark.parametrize(
@@ -146,9 +188,8 @@ def test_what_does_not_fit_is_one_sentence(repository, file, old, new, said):
 def test_real_pins_are_those_of_what_is_installed():
     """By the record that pip keeps of what every distribution brought."""
     from importlib.metadata import packages_distributions
-    from pathlib import Path
 
     known = packages_distributions()
     for package in ("cv2", "numpy", "PIL", "sapien", "torch", "warp", "yaml"):
-        (pin,) = pins(Path(__file__).resolve().parents[2], [package])
+        (pin,) = pins(ROOT, [package])
         assert pin.split("==")[0].lower() in {name.lower() for name in known[package]}
