@@ -154,8 +154,8 @@ class ClusterExecutor:
             if (error.name or "").split(".")[0] != "pipeline":
                 raise
             raise UserError(
-                "a Dask worker does not find the package pipeline; start scheduler and workers from this checkout, with "
-                "its virtual environment (docs/scaling.md)."
+                "a Dask worker does not find the package pipeline; start scheduler and workers from this checkout, "
+                "with its virtual environment (docs/scaling.md)."
             ) from error
 
     def cancel(self) -> None:
