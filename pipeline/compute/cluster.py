@@ -53,7 +53,8 @@ def connection(address: str, workers: int) -> Any:
             "compute.backend to processes."
         ) from error
     # What is wrong is said in sentences of our own; Dask's log tells every end of a worker in twenty lines.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    for name in ("distributed", "distributed.client"):  # the second has a level of its own
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     # Parts common to all items are sent once and may be large; there is nothing to split.
     dask.config.set({"distributed.admin.large-graph-warning-threshold": "10 GB"})
     # By Dask's 15 s, an own worker that happens to be down 15 s after it was killed would be given up.

@@ -32,10 +32,10 @@ def add_slowly(number: int) -> int:
 
 
 def killed_once(folder: Path, number: int) -> int:
-    """Kill the process that computes 3, the first time; say who computed what."""
+    """Kill the process that computes 30, the first time; say who computed what."""
     with open(folder / f"{number}", "a") as log:
         log.write(f"{os.getpid()}\n")
-    if number == 3 and len((folder / "3").read_text().split()) == 1:
+    if number == 30 and len((folder / "30").read_text().split()) == 1:
         os.kill(os.getpid(), signal.SIGKILL)
     return number * number
 

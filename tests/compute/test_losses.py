@@ -6,6 +6,7 @@ import pytest
 
 from pipeline.compute.fan_out import fan_out
 from pipeline.compute.losses import Losses
+from pipeline.compute.pool import run_all
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.compute import ComputeParameters
 from tests.compute.items import counted, counting, killed_always, killed_once, run_items
@@ -18,12 +19,11 @@ DASK = ComputeParameters(backend="dask", workers=2)
 
 @pytest.mark.parametrize("compute", [PROCESSES, DASK], ids=["processes", "dask"])
 def test_a_killed_worker_loses_no_work(compute, tmp_path):
-    items = list(range(12))
+    items = list(range(40))
     assert fan_out(partial(killed_once, tmp_path), items, compute, "killed once") == [item * item for item in items]
-    tries = {item: (tmp_path / f"{item}").read_text().split() for item in items}
-    assert len(set(tries[3])) == 2  # in another process
-    # What had been done is not done again, but for the batches that two workers had.
-    assert max(map(len, tries.values())) == 2 and len(tries[0]) == 1
+    tries = [(tmp_path / f"{item}").read_text().split() for item in items]
+    assert len(set(tries[30])) == 2  # in another process
+    assert max(map(len, tries)) == 2
 
 
 @pytest.mark.slow
@@ -33,13 +33,12 @@ def test_a_call_that_kills_whoever_has_it_is_named(compute):
         fan_out(killed_always, list(range(4)), compute, "deadly")
 
 
+@pytest.mark.slow
 def test_what_was_finished_before_a_killer_is_named_stays_finished():
     results = {}
 
     def done(key, result):
         results[key] = result
-
-    from pipeline.compute.pool import run_all
 
     works = [("first", lambda: counting(5, 2)), ("killer", lambda: counting(0, 1, killed_always))]
     with pytest.raises(UserError, match="^killer: call 2 of 3 "):

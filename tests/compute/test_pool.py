@@ -1,11 +1,12 @@
 """Items whose rounds of calls share one pool of workers."""
 
-from collections import deque
+from collections import Counter, deque
 from functools import partial
 
 import pytest
 
 from pipeline.compute.executor import AHEAD, Executor, OwnProcess, compute_batch
+from pipeline.compute.losses import WorkersLost
 from pipeline.compute.pool import Calls, run_all, run_on
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.compute import ComputeParameters
@@ -41,6 +42,24 @@ class Recorder:
 
     def cancel(self) -> None:
         self.cancelled = True
+
+
+class Mortal(Recorder):
+    """Loses whatever is under way when a batch with this argument is next, a number of times."""
+
+    def __init__(self, workers: int, seconds: float, deadly: int, times: int) -> None:
+        super().__init__(workers, seconds)
+        self.deadly, self.times = deadly, times
+        self.under_way: list[list[object]] = []  # when something died
+
+    def finished(self):
+        if self.times and self.deadly in self._waiting[0][2]:
+            self.times -= 1
+            lost = [key for key, *_ in self._waiting]
+            self.under_way += [[argument for *_, arguments in self._waiting for argument in arguments]]
+            self._waiting.clear()
+            raise WorkersLost(lost, deaths=1)
+        return super().finished()
 
 
 def finished_by(executor: Executor, works) -> dict[str, object]:
@@ -172,7 +191,8 @@ def test_an_error_of_a_call_ends_everything_but_what_was_done(workers):
 
     def item(name: str, calls: list[Calls]):
         try:
-            yield from calls
+            for each in calls:
+                assert len((yield each)) == len(each.arguments)
         finally:
             closed.append(name)
 
@@ -215,7 +235,33 @@ def test_an_error_in_what_is_done_with_a_result_ends_everything():
         run_all([("a", partial(counting, 0, 1)), ("b", partial(counting, 0, 1))], 2, "test", full)
 
 
-def test_one_bar_shows_the_share_of_a_single_item(capsys, monkeypatch):
+def test_only_what_was_under_way_runs_again():
+    executor = Mortal(workers=2, seconds=0.1, deadly=205, times=1)
+    works = [(f"{start}", partial(counting, start, 1, width=30)) for start in range(0, 1000, 100)]
+    assert finished_by(executor, works) == {f"{start}": counted(start, 1, width=30) for start in range(0, 1000, 100)}
+    sent = Counter(number for batch in executor.batches for number in batch)
+    assert sorted(number for number, times in sent.items() if times == 2) == sorted(executor.under_way[0])
+    assert max(sent.values()) == 2 and 205 in executor.under_way[0]
+
+
+def test_after_deaths_suspects_run_alone_and_then_all_go_on():
+    executor = Mortal(workers=2, seconds=0.1, deadly=205, times=5)
+    works = [(f"{start}", partial(counting, start, 1, width=30)) for start in range(0, 1000, 100)]
+    assert finished_by(executor, works) == {f"{start}": counted(start, 1, width=30) for start in range(0, 1000, 100)}
+    # Three times beside others, then in its batch alone, then as the only call.
+    counts = list(map(len, executor.under_way))
+    assert counts[2] > counts[3] > counts[4] == 1
+    assert executor.under_way[4] == [205] and set(executor.under_way[3]) < set(executor.under_way[2])
+
+
+def test_a_call_that_always_kills_is_named():
+    executor = Mortal(workers=2, seconds=0.1, deadly=205, times=100)
+    works = [(f"item {start}", partial(counting, start, 1, width=30)) for start in range(0, 1000, 100)]
+    with pytest.raises(UserError, match="^item 200: call 6 of 30 ended 3 processes"):
+        finished_by(executor, works)
+
+
+def test_one_bar_shows_the_share_of_a_single_item(monkeypatch):
     shown: list[float] = []
     monkeypatch.setattr("pipeline.compute.progress.Bar._show", lambda bar: shown.append(sum(bar._shares.values())))
     finished_by(OwnProcess(), [("item", partial(counting, 0, 2, width=4))])
