@@ -190,9 +190,11 @@ class _Pool:
     def _next_batch(self, room: int) -> _Batch:
         """Take the first call that waits, and others of its round when calls are short."""
         begun = self._ready[0][2]
-        most = self._pace[_called(begun.calls.function)].calls_in(self._executor.batch_seconds)
+        pace = self._pace[_called(begun.calls.function)]
+        most = pace.calls_in(self._executor.batch_seconds)
         if self._begun == len(self._works):
-            most = min(most, max(1, len(self._ready) // room))  # so that all workers end at about the same time
+            # So that all workers end at about the same time, but none waits because there is so much to send.
+            most = min(most, max(len(self._ready) // room, pace.calls_in(room * self._executor.sending_seconds)))
         numbers: list[int] = []
         while self._ready and self._ready[0][2] is begun and len(numbers) < most:
             numbers.append(heapq.heappop(self._ready)[1])

@@ -17,6 +17,7 @@ class Processes:
     """As many processes as given, which stay for whoever asks next; made anew when one has died."""
 
     batch_seconds = BATCH_SECONDS
+    sending_seconds = 0.0005
 
     def __init__(self, count: int) -> None:
         from joblib.externals.loky import get_reusable_executor

@@ -18,8 +18,11 @@ WAYS = [1, 2, pytest.param(ComputeParameters(backend="dask", workers=2), id="das
 class Recorder:
     """An executor that computes what was submitted first, says that it took ``seconds`` a call, and keeps a log."""
 
-    def __init__(self, workers: int, seconds: float = 10.0, batch_seconds: float = 2.0) -> None:
-        self.batch_seconds, self.seconds, self.workers = batch_seconds, seconds, workers
+    def __init__(
+        self, workers: int, seconds: float = 10.0, batch_seconds: float = 2.0, sending_seconds: float = 0.0
+    ) -> None:
+        self.batch_seconds, self.sending_seconds = batch_seconds, sending_seconds
+        self.seconds, self.workers = seconds, workers
         self.batches: list[list[object]] = []
         self.cancelled = False
         self._waiting: deque = deque()
@@ -149,6 +152,16 @@ def test_batches_shrink_at_the_end_so_that_no_worker_idles():
         assert size <= max(1, left // 8)
         left -= size
     assert len(sizes) < 150
+
+
+def test_batches_do_not_shrink_below_what_can_be_sent_in_time():
+    """All items have begun, so that few calls wait at any time: 50 workers would take 500 single calls a second."""
+    executor = Recorder(workers=50, seconds=0.1, sending_seconds=0.005)
+    finished_by(executor, [(f"{start}", partial(counting, start, 20, width=20)) for start in range(0, 5000, 100)])
+    batches, calls = len(executor.batches), sum(map(len, executor.batches))
+    seconds_of_work = calls * 0.1 / 50
+    assert calls == 50 * 20 * 20
+    assert batches * 0.005 < seconds_of_work
 
 
 def test_a_batch_is_of_one_round_alone():
