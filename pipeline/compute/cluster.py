@@ -98,7 +98,7 @@ class ClusterExecutor:
     """Batches on the workers of a cluster, whose number may change meanwhile."""
 
     batch_seconds = BATCH_SECONDS
-    sending_seconds = 0.003
+    sending_seconds = 0.005
 
     def __init__(self, client: Any) -> None:
         from distributed import as_completed
