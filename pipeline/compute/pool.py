@@ -201,9 +201,11 @@ class _Pool:
     def _next_batch(self, room: int) -> _Batch:
         """Take the first call that waits, and others of the same function when calls are short."""
         begun = self._ready[0][2]
-        most = self._pace[_called(begun.calls.function)].calls_in(self._executor.batch_seconds)
+        pace = self._pace[_called(begun.calls.function)]
+        most = pace.calls_in(self._executor.batch_seconds)
         if self._begun == len(self._works):
-            most = min(most, max(1, len(self._ready) // room))  # so that all workers end at about the same time
+            # So that all workers end at about the same time, but none waits because there is so much to send.
+            most = min(most, max(len(self._ready) // room, pace.calls_in(room * self._executor.sending_seconds)))
         calls: list[tuple[_Round, int]] = []
         while self._ready and len(calls) < most and _same(self._ready[0][2].calls.function, begun.calls.function):
             _, number, own = heapq.heappop(self._ready)
