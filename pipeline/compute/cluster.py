@@ -53,7 +53,8 @@ def connection(address: str, workers: int) -> Any:
             "compute.backend to processes."
         ) from error
     # What is wrong is said in sentences of our own; Dask's log tells every end of a worker in twenty lines.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    for name in ("distributed", "distributed.client"):  # the second has a level of its own
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     # Parts common to all items are sent once and may be large; there is nothing to split.
     dask.config.set({"distributed.admin.large-graph-warning-threshold": "10 GB"})
     # By Dask's 15 s, an own worker that happens to be down 15 s after it was killed would be given up.
@@ -97,6 +98,7 @@ class ClusterExecutor:
     """Batches on the workers of a cluster, whose number may change meanwhile."""
 
     batch_seconds = BATCH_SECONDS
+    sending_seconds = 0.005
 
     def __init__(self, client: Any) -> None:
         from distributed import as_completed

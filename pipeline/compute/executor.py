@@ -24,6 +24,11 @@ class Executor(Protocol):
         """How long a batch of several calls should take; 0 where sending calls costs nothing."""
         ...
 
+    @property
+    def sending_seconds(self) -> float:
+        """What it costs the stage's process or a scheduler, whichever is slower, to send one batch."""
+        ...
+
     def room(self) -> int:
         """Return how many batches may be under way: as many as keep every worker busy, at least 1."""
         ...
@@ -88,7 +93,7 @@ def compute_batch(function: Callable[[Any], Any], arguments: Sequence[Any]) -> t
 class OwnProcess:
     """Everything in this process, one call after the other, which is easier to debug."""
 
-    batch_seconds = 0.0
+    batch_seconds = sending_seconds = 0.0
 
     def __init__(self) -> None:
         self._waiting: list[tuple[object, Callable[[Any], Any], Sequence[Any]]] = []

@@ -104,18 +104,18 @@ class _Round:
 
 @dataclass(eq=False)
 class _Batch:
-    """Calls of one round that are sent together, by their numbers."""
+    """Calls of the same function that are sent together: the round and the number of each."""
 
-    round: _Round
-    numbers: list[int]
+    calls: list[tuple[_Round, int]]
 
     def split(self) -> list[_Batch]:
         """Return every call as a batch of its own; the same batch when it is one already."""
-        return [_Batch(self.round, [number]) for number in self.numbers] if len(self.numbers) > 1 else [self]
+        return [_Batch([call]) for call in self.calls] if len(self.calls) > 1 else [self]
 
     def name(self) -> str:
         """How the first of the calls is called in a sentence."""
-        return f"{self.round.key}: call {self.numbers[0] + 1} of {len(self.round.calls.arguments)}"
+        begun, number = self.calls[0]
+        return f"{begun.key}: call {number + 1} of {len(begun.calls.arguments)}"
 
 
 class _Pool:
@@ -144,7 +144,8 @@ class _Pool:
                 batches: list[_Batch] = list(lost.batches)  # type: ignore[arg-type]
                 self._flying.difference_update(batches)
                 for again in self._losses.lost(batches, lost.deaths):
-                    self._wait(again.round, again.numbers)
+                    for begun, number in again.calls:
+                        self._wait(begun, [number])
             else:
                 self._record(batch, results, seconds)
 
@@ -198,31 +199,35 @@ class _Pool:
             heapq.heappush(self._ready, (begun.work, number, begun))
 
     def _next_batch(self, room: int) -> _Batch:
-        """Take the first call that waits, and others of its round when calls are short."""
+        """Take the first call that waits, and others of the same function when calls are short."""
         begun = self._ready[0][2]
-        most = self._pace[_called(begun.calls.function)].calls_in(self._executor.batch_seconds)
+        pace = self._pace[_called(begun.calls.function)]
+        most = pace.calls_in(self._executor.batch_seconds)
         if self._begun == len(self._works):
-            most = min(most, max(1, len(self._ready) // room))  # so that all workers end at about the same time
-        numbers: list[int] = []
-        while self._ready and self._ready[0][2] is begun and len(numbers) < most:
-            numbers.append(heapq.heappop(self._ready)[1])
-        return _Batch(begun, numbers)
+            # So that all workers end at about the same time, but none waits because there is so much to send.
+            most = min(most, max(len(self._ready) // room, pace.calls_in(room * self._executor.sending_seconds)))
+        calls: list[tuple[_Round, int]] = []
+        while self._ready and len(calls) < most and _same(self._ready[0][2].calls.function, begun.calls.function):
+            _, number, own = heapq.heappop(self._ready)
+            calls.append((own, number))
+        return _Batch(calls)
 
     def _submit(self, batch: _Batch) -> None:
         self._flying.add(batch)
-        arguments = [batch.round.calls.arguments[number] for number in batch.numbers]
-        self._executor.submit(batch, batch.round.prepared, arguments)
+        arguments = [begun.calls.arguments[number] for begun, number in batch.calls]
+        self._executor.submit(batch, batch.calls[0][0].prepared, arguments)
 
     def _record(self, batch: _Batch, results: list[Any], seconds: float) -> None:
         self._flying.remove(batch)
         self._losses.finished(batch)
-        begun = batch.round
-        self._pace[_called(begun.calls.function)].add(len(results), seconds)
-        begun.results.update(zip(batch.numbers, results, strict=True))
-        if len(begun.results) < len(begun.calls.arguments):
-            self._bar.moved(begun.work, begun.share)
-        else:
-            self._advance(begun.work, [begun.results[number] for number in range(len(begun.calls.arguments))])
+        self._pace[_called(batch.calls[0][0].calls.function)].add(len(results), seconds)
+        for (begun, number), result in zip(batch.calls, results, strict=True):
+            begun.results[number] = result
+        for begun in dict.fromkeys(begun for begun, _ in batch.calls):
+            if len(begun.results) < len(begun.calls.arguments):
+                self._bar.moved(begun.work, begun.share)
+            else:
+                self._advance(begun.work, [begun.results[number] for number in range(len(begun.calls.arguments))])
 
 
 @dataclass
@@ -247,3 +252,12 @@ class _Pace:
 def _called(function: Callable[[Any], Any]) -> object:
     """Return what a function is, whatever it has been given already."""
     return function.func if isinstance(function, partial) else function
+
+
+def _same(one: Callable[[Any], Any], other: Callable[[Any], Any]) -> bool:
+    """Return whether two functions are the same, with the same shared values."""
+    if not (isinstance(one, partial) and isinstance(other, partial)):
+        return one is other
+    given = [(*each.args, *each.keywords.values()) for each in (one, other)]
+    same = len(given[0]) == len(given[1]) and all(a is b for a, b in zip(*given, strict=True))
+    return one.func is other.func and one.keywords.keys() == other.keywords.keys() and same

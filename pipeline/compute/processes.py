@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -16,6 +17,7 @@ class Processes:
     """As many processes as given, which stay for whoever asks next; made anew when one has died."""
 
     batch_seconds = BATCH_SECONDS
+    sending_seconds = 0.0005
 
     def __init__(self, count: int) -> None:
         from joblib.externals.loky import get_reusable_executor
@@ -72,5 +74,8 @@ class Processes:
 
     def cancel(self) -> None:
         """End the processes with what they compute."""
+        # Loky fails in a thread of its own when it is ended before it has taken what was submitted.
+        while any(not future.running() and not future.done() for future in self._flying):
+            time.sleep(0.001)
         self._flying.clear()
         self._loky.shutdown(kill_workers=True)
