@@ -18,27 +18,21 @@ os.environ.update(DVC_NO_ANALYTICS="1", MLFLOW_DISABLE_TELEMETRY="true", DO_NOT_
 os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
 
 
-# Files that take longest, in the order in which they are handed to the processes of `./dev test`: one that began last
-# would leave the other processes idle. The first runs the whole pipeline, which the tests of single stages need.
-LONGEST_FILES = (
-    "tests/pipeline/test_behaviour.py",
-    "tests/reconstruct/test_whole.py",
-    "tests/reconstruct/test_splatting.py",
-    "tests/reconstruct/test_captures.py",
-    "tests/reconstruct/test_matching.py",
-    "tests/reconstruct/test_surface.py",
-    "tests/reconstruct/test_tags.py",
-    "tests/pipeline/test_hermetic.py",
-    "tests/pipeline/test_page_of_objects.py",
-    "tests/website/test_site.py",
-    "tests/evaluate/test_replay.py",
-)
-
-
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the files that take longest first; all others stay in order."""
-    place = {name: number for number, name in enumerate(LONGEST_FILES)}
-    items.sort(key=lambda item: place.get(item.nodeid.split("::")[0], len(place)))
+    """Put files with slow tests first: one that began last would leave the other processes of `./dev test` idle.
+
+    The first of those that need the run of the whole pipeline makes it; the others would wait, and come after all other
+    slow ones.
+    """
+
+    def file_of(item: pytest.Item) -> str:
+        return item.nodeid.split("::")[0]
+
+    slow = dict.fromkeys(file_of(item) for item in items if item.get_closest_marker("slow"))
+    waiting = {file_of(item) for item in items if "finished" in getattr(item, "fixturenames", ())}
+    first = next((name for name in slow if name in waiting), None)
+    place = {name: 0 if name == first else 2 if name in waiting else 1 for name in slow}
+    items.sort(key=lambda item: place.get(file_of(item), 3))
 
 
 @pytest.fixture(scope="session")

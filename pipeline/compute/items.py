@@ -111,8 +111,10 @@ def make_by_hand(stage: Stage, keys: Sequence[str], begin: Begin, workers: Worke
 
     DVC then finds a changed output, and makes it again when the stage is next due.
     """
+    if not keys:
+        return
     results: dict[str, Any] = {}
-    check_writable(stage.output.folder / "item")
+    check_writable(stage.output.folder / keys[0].split("/")[0])
     run_all(begin(keys, results.__setitem__), workers, stage.name, lambda name, nothing: None)
     with TemporaryDirectory(dir=stage.output.folder, prefix=".", suffix=".tmp") as folder:
         stage.output.write(Path(folder), keys, results.__getitem__)

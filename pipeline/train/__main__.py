@@ -11,8 +11,9 @@ from pipeline.compute.code import own_fingerprint
 from pipeline.compute.items import Keep, Stage, make_items
 from pipeline.compute.outputs import Folders, files_in
 from pipeline.records import paths
-from pipeline.records.digests import digest
+from pipeline.records.digests import digest, hand_digest
 from pipeline.records.parameters import load_pairs, load_parameters
+from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.parameters.train import TrainingParameters
 from pipeline.records.running import run_stage
 
@@ -56,11 +57,12 @@ def train_model() -> None:
     settings = {name.partition(".")[2]: value for name, value in parameters.items() if name.startswith("train.")}
     training = TrainingParameters(**settings)
     examples = gather_examples(tables, objects, data, settings["encoder"], seed)
+    code = digest(own_fingerprint("train"), hand_digest(ALLEGRO))
 
     def work(keep: Keep) -> Work[None]:
         from tempfile import TemporaryDirectory
 
-        checkpoint, history = train(examples, training, seed, paths.TRAINING_STATE)
+        checkpoint, history = train(examples, training, seed, paths.TRAINING_STATE, code)
         with TemporaryDirectory() as temporary:
             write_checkpoint(Path(temporary) / "model", checkpoint, history)
             keep("", files_in(Path(temporary) / "model"))
@@ -74,8 +76,7 @@ def train_model() -> None:
     def begin(keys: Sequence[str], keep: Keep) -> list[tuple[str, Any]]:
         return [("model", lambda: work(keep))]
 
-    identity = digest(own_fingerprint("train"), training_identity(examples, training, seed))
-    make_items(STAGE, {"": identity}, begin, workers=1)
+    make_items(STAGE, {"": training_identity(examples, training, seed, code)}, begin, workers=1)
 
 
 def main() -> int:

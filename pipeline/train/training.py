@@ -135,12 +135,13 @@ def learning_rate(step: int, settings: OptimizationParameters) -> float:
 
 
 def train(
-    examples: Examples, settings: TrainingParameters, seed: int, state_file: Path
+    examples: Examples, settings: TrainingParameters, seed: int, state_file: Path, code: str = ""
 ) -> tuple[Checkpoint, list[dict[str, float]]]:
     """Train a model and return it with its curve: step, epoch, learning rate and losses.
 
     Args:
         state_file: where an unfinished run is kept, to be resumed; removed by the caller once the model is written.
+        code: digest of the code that trains and of the hand; a run of another is not resumed.
     """
     with _deterministic(settings.optimization):
         optimization = settings.optimization
@@ -155,7 +156,7 @@ def train(
         optimizer = torch.optim.AdamW(model.parameters(), weight_decay=optimization.weight_decay)
         pairs = source.pairs.to(optimization.device)
 
-        identity = training_identity(examples, settings, seed)
+        identity = training_identity(examples, settings, seed, code)
         begin, history = _resume(state_file, identity, model, average, optimizer)
         losses: list[float] = []
         for step in watched(range(begin, optimization.steps), optimization.steps - begin, "training"):
@@ -218,12 +219,11 @@ def _deterministic(settings: OptimizationParameters) -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-def training_identity(examples: Examples, settings: TrainingParameters, seed: int) -> str:
-    """Return a digest of all that the weights depend on: a state of another run must not be resumed."""
+def training_identity(examples: Examples, settings: TrainingParameters, seed: int, code: str) -> str:
+    """Return a digest of all that the model depends on: a state of another run must not be resumed."""
     names = {"data": {"held_out_objects"}}  # what is not learned from is not among the examples either
-    digest = hashlib.sha256(
-        f"{settings.model_dump_json(exclude=names)} {seed} {examples.pairs} {torch.__version__}".encode()
-    )
+    values = (seed, examples.pairs, examples.split.tolist(), sorted(examples.held_out.items()), torch.__version__, code)
+    digest = hashlib.sha256(f"{settings.model_dump_json(exclude=names)} {values}".encode())
     for array in (examples.grasps.T_hand_object, examples.grasps.q, examples.pair, examples.clouds.points):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

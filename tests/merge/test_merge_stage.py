@@ -1,5 +1,6 @@
 """The command, in a folder of its own."""
 
+import dataclasses
 from pathlib import Path
 
 import pandas as pd
@@ -8,6 +9,7 @@ import yaml
 
 from pipeline.merge import __main__ as stage
 from pipeline.records import paths
+from pipeline.records.digests import file_digest
 from pipeline.records.objects import write_prepared_object
 from pipeline.records.parameters import read_parameters
 from pipeline.records.poses import position_quaternion
@@ -53,24 +55,46 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_command_writes_one_table_per_pair_and_nothing_else(project: Path, capsys: pytest.CaptureFixture) -> None:
-    paths.merged_folder("box").mkdir(parents=True)
-    paths.merged_file("box", "gone").write_text("of an object that is no longer listed")
+def test_command_writes_one_table_for_its_object_and_leaves_others(
+    project: Path, capsys: pytest.CaptureFixture
+) -> None:
+    paths.merged_file("other").parent.mkdir(parents=True)
+    paths.merged_file("other").write_text("of another object")
     assert stage.main() == 0
-    assert [path.name for path in paths.merged_folder("box").iterdir()] == ["cylinder.parquet"]
-    table = read_table(paths.merged_file("box", "cylinder"), MERGED, "merge@box")
+    assert sorted(path.name for path in paths.merged_file("").parent.iterdir()) == ["box.parquet", "other.parquet"]
+    table = read_table(paths.merged_file("box"), MERGED, "merge")
+    assert set(table.object0) == {"box"} and set(table.object1) == {"cylinder"}
     assert table.rejected_by.tolist() == ["", ""]
     assert sorted(table.grasp0_id) == [0, 2] and set(table.grasp1_id) == {0}  # rejected grasps are not used
     assert "box then cylinder: 2 accepted of 2 tried" in capsys.readouterr().out
-    before = paths.merged_file("box", "cylinder").read_bytes()
+    before = paths.merged_file("box").read_bytes()
     assert stage.main() == 0
-    assert paths.merged_file("box", "cylinder").read_bytes() == before
+    assert paths.merged_file("box").read_bytes() == before
+
+
+def test_pairs_are_those_of_the_parameters_in_their_order(project: Path) -> None:
+    content = yaml.safe_load(paths.PARAMETERS_FILE.read_text())
+    content["objects"] |= dict.fromkeys(("first", "left_out"), content["objects"]["box"])
+    content["styles"]["side"] = ["first", "left_out", "cylinder"]
+    content["pairs"] = [["box", "cylinder"], ["box", "first"]]
+    paths.PARAMETERS_FILE.write_text(yaml.safe_dump(content))
+    write_prepared_object(paths.prepared_folder("first"), dataclasses.replace(cylinder(), name="first"))
+    write_validated("side", "first", side(), ["", ""])
+    assert stage.main() == 0
+    table = read_table(paths.merged_file("box"), MERGED, "merge")
+    assert list(dict.fromkeys(table.object1)) == ["first", "cylinder"]
+    # Whichever pairs are searched beside it, a pair has the same rows.
+    content["pairs"] = [["box", "cylinder"]]
+    paths.PARAMETERS_FILE.write_text(yaml.safe_dump(content))
+    assert stage.main() == 0
+    alone = read_table(paths.merged_file("box"), MERGED, "merge")
+    pd.testing.assert_frame_equal(alone, table[table.object1 == "cylinder"].reset_index(drop=True))
 
 
 def test_pair_without_grasps_gets_an_empty_table_and_a_warning(project: Path, capsys: pytest.CaptureFixture) -> None:
     write_validated("side", "cylinder", side(), ["gravity:-z"])
     assert stage.main() == 0
-    assert len(read_table(paths.merged_file("box", "cylinder"), MERGED, "merge@box")) == 0
+    assert len(read_table(paths.merged_file("box"), MERGED, "merge")) == 0
     assert "0 of 2 two-object grasps of box then cylinder" in capsys.readouterr().err
 
 
@@ -79,18 +103,19 @@ def test_an_object_that_is_not_pinched_is_named(
 ) -> None:
     monkeypatch.setattr("sys.argv", ["merge", "--object", "cylinder"])
     assert stage.main() == 2
-    assert "merge@cylinder: params.yaml: styles.pinch does not name 'cylinder'" in capsys.readouterr().err
+    assert "merge: params.yaml: styles.pinch does not name 'cylinder'" in capsys.readouterr().err
 
 
 def test_missing_input_is_one_sentence_and_leaves_the_old_result(project: Path, capsys: pytest.CaptureFixture) -> None:
     assert stage.main() == 0
-    before = paths.merged_file("box", "cylinder").read_bytes()
+    before = paths.merged_file("box").read_bytes()
     paths.validated_file("side", "cylinder").unlink()
+    file_digest.cache_clear()  # as in another run
     capsys.readouterr()
     assert stage.main() == 2
     error = capsys.readouterr().err.strip()
-    assert error.count("\n") == 0 and "validate-side@cylinder" in error
-    assert paths.merged_file("box", "cylinder").read_bytes() == before
+    assert error.count("\n") == 0 and "validate@side" in error
+    assert paths.merged_file("box").read_bytes() == before
 
 
 def test_sections_exist(project: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 import shutil
 import sqlite3
@@ -14,20 +15,11 @@ from pathlib import Path
 import pytest
 import yaml
 
+from tests.pipeline.declared import IN_GIT
+
 # Durations differ from run to run, and no stage declares them.
 UNCOUNTED = {"durations.json", ".durations.lock", ".gitignore"}
-TABLES = (
-    "data/prepare",
-    "data/synthesize",
-    "data/validate",
-    "data/merge",
-    "data/train",
-    "data/train_reconstructed",
-    "data/evaluate",
-    "data/capture",
-    "data/reconstruct",
-    "models",
-)
+NO_RESULTS = ("data/raw/", "data/.unfinished/")
 
 
 @dataclass(frozen=True)
@@ -46,6 +38,12 @@ class Repro:
     def restored(self) -> list[str]:
         """Stages whose outputs came from DVC's record of earlier runs."""
         return re.findall(r"^Stage '(.+)' is cached", self.output, flags=re.MULTILINE)
+
+    @property
+    def computed(self) -> dict[str, tuple[int, int]]:
+        """For every stage of items that was executed, how many of how many it computed."""
+        found = re.findall(r"^(\S+): (\d+) of (\d+) \w+ to compute", self.output, flags=re.MULTILINE)
+        return {stage: (int(computed), int(everything)) for stage, computed, everything in found}
 
 
 class WorkingCopy:
@@ -80,9 +78,9 @@ class WorkingCopy:
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout
 
-    def repro(self, *arguments: str, succeed: bool = True) -> Repro:
+    def repro(self, *arguments: str, succeed: bool = True, **environment: str) -> Repro:
         """Run `dvc repro`."""
-        done = self.command(sys.executable, "-m", "dvc", "repro", *arguments)
+        done = self.command(sys.executable, "-m", "dvc", "repro", *arguments, env=os.environ | environment)
         result = Repro(done.returncode, done.stdout + done.stderr)
         assert (result.code == 0) == succeed, result.output
         return result
@@ -95,19 +93,13 @@ class WorkingCopy:
         """Replace params.yaml."""
         (self / "params.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
 
-    def forget(self, stage: str) -> None:
-        """Remove the outputs of ``stage`` from DVC's cache, and the record of all earlier runs."""
-        shutil.rmtree(self / ".dvc/cache/runs")
-        for output in yaml.safe_load((self / "dvc.lock").read_text())["stages"][stage]["outs"]:
-            (self / ".dvc/cache/files/md5" / output["md5"][:2] / output["md5"][2:]).unlink()
-
     def fingerprints(self, *folders: str) -> dict[str, str]:
-        """Return path -> SHA-256 of all files in ``folders`` (default: all data and the page)."""
+        """Return path -> SHA-256 of all files in ``folders`` (default: all results)."""
         found: dict[str, str] = {}
-        for folder in folders or (*TABLES, "reports"):
+        for folder in folders or ("data", "models", "reports"):
             for path in sorted((self / folder).rglob("*")):
                 name = str(path.relative_to(self.root))
-                if path.is_file() and path.name not in UNCOUNTED:
+                if path.is_file() and path.name not in UNCOUNTED and not name.startswith(NO_RESULTS):
                     found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
         return found
 
@@ -153,17 +145,8 @@ def copy_of_sources(repository: Path, target: Path) -> WorkingCopy:
         text=True,
         check=True,
     ).stdout
-    results = {
-        "dvc.lock",
-        "reports/dataset.md",
-        "reports/summary.json",
-        "reports/tracking.json",
-        "reports/durations.json",
-        "reports/survival.csv",
-        "reports/success.csv",
-    }
     for name in filter(None, listed.split("\0")):
-        if (repository / name).is_file() and name not in results:
+        if (repository / name).is_file() and name not in IN_GIT:
             (target / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(repository / name, target / name)
     copy = WorkingCopy(target)

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import trimesh
 import yaml
@@ -46,11 +47,14 @@ def workplace(tmp_path_factory, repository: Path, objects, tables) -> Path:
     (folder / "params.yaml").write_text(yaml.safe_dump(values))
     for prepared in objects.values():
         write_prepared_object(folder / paths.prepared_folder(prepared.name), prepared)
-    for (first, second), table in tables.items():
+    found: dict[str, list[pd.DataFrame]] = {}
+    for (first, _), table in tables.items():
         full = table.assign(squeeze_q=table["q"], fingers0="thumb+index", fingers1="ring+palm")
         for name in set(MERGED.names) - set(full.columns):
             full[name] = None
-        write_table(folder / paths.merged_file(first, second), full, MERGED)
+        found.setdefault(first, []).append(full)
+    for first, frames in found.items():
+        write_table(folder / paths.merged_file(first), pd.concat(frames), MERGED)
     return folder
 
 
@@ -64,41 +68,54 @@ def model(workplace):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(workplace)
         patch.setattr("sys.argv", ["train"])
+        patch.setattr(stage, "own_fingerprint", lambda line: f"code of {line}")
         assert stage.main() == 0
     return workplace / paths.MODEL_FOLDER
 
 
-def test_training_leaves_a_model_and_its_curve_and_no_state(model):
+def test_training_leaves_a_model_and_its_curve_and_no_state(model, monkeypatch):
     assert sorted(path.name for path in model.iterdir()) == ["history.csv", "model.json", "model.safetensors"]
     assert (model / "history.csv").read_text().startswith("step,epoch,learning_rate,training_loss,held_out_loss\n4,")
     assert not paths.TRAINING_STATE.exists()
     before = {path.name: path.read_bytes() for path in model.iterdir()}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sys.argv", ["train"])
-        assert stage.main() == 0
+    monkeypatch.setattr("sys.argv", ["train"])
+    monkeypatch.setattr(stage, "own_fingerprint", lambda line: f"code of {line}")
+    assert stage.main() == 0
     assert {path.name: path.read_bytes() for path in model.iterdir()} == before
 
 
+LEARNED = ("--source", "learned")
+
+
 def test_samples_of_a_pair_are_a_merged_table_that_does_not_depend_on_workers(model, workplace):
-    assert sample.main(["--object", "cube"]) == 0
-    found = {}
-    for second in SECONDS:
-        rows = read_table(paths.sampled_file("cube", second), MERGED, "sample@cube")
-        assert rows["merged_id"].tolist() == list(range(len(rows)))
-        accepted = rows[rows["rejected_by"] == ""]
+    assert sample.main([*LEARNED, "--object", "cube"]) == 0
+    rows = read_table(paths.sampled_file("learned", "cube"), MERGED, "sample@learned")
+    assert list(dict.fromkeys(rows["object1"])) == list(SECONDS)
+    for _, own in rows.groupby("object1"):
+        assert own["merged_id"].tolist() == list(range(len(own)))
+        accepted = own[own["rejected_by"] == ""]
         assert len(accepted) == 3
         assert all(len(row.squeeze_q) == len(row.open_q1) == 16 for row in accepted.itertuples())
-        found[second] = paths.sampled_file("cube", second).read_bytes()
-    quality = json.loads((paths.sampled_folder("cube") / "quality.json").read_text())
-    assert quality["can"]["trained"] and quality["can"]["drawn"] == 6
-    assert quality["can"]["ranked"]["penetration_mm_median"] >= 0
-    values = yaml.safe_load(Path("params.yaml").read_text())
+    quality = json.loads(paths.sample_quality_file("learned").read_text())
+    assert list(quality) == ["cube"] and set(quality["cube"]) == set(SECONDS)
+    assert quality["cube"]["can"]["trained"] and quality["cube"]["can"]["drawn"] == 6
+    assert quality["cube"]["can"]["ranked"]["penetration_mm_median"] >= 0
+    files = (paths.sampled_file("learned", "cube"), paths.sample_quality_file("learned"))
+    found = [file.read_bytes() for file in files]
     original = Path("params.yaml").read_text()
+    values = yaml.safe_load(original)
     values["compute"]["workers"] = 2
     Path("params.yaml").write_text(yaml.safe_dump(values))
-    assert sample.main(["--object", "cube"]) == 0
+    assert sample.main([*LEARNED, "--object", "cube"]) == 0
     Path("params.yaml").write_text(original)
-    assert {second: paths.sampled_file("cube", second).read_bytes() for second in SECONDS} == found
+    assert [file.read_bytes() for file in files] == found
+
+
+def test_samples_by_hand_stay_beside_those_of_other_objects(model, workplace):
+    for first in FIRSTS:
+        assert sample.main([*LEARNED, "--object", first]) == 0
+    assert all(paths.sampled_file("learned", first).exists() for first in FIRSTS)
+    assert set(json.loads(paths.sample_quality_file("learned").read_text())) == set(FIRSTS)
 
 
 def test_reconstructed_objects_are_all_that_sampling_knows(model, workplace, objects, capsys):
@@ -117,17 +134,14 @@ def test_reconstructed_objects_are_all_that_sampling_knows(model, workplace, obj
     prepared.rename("away")
     try:
         assert sample.main(["--source", "reconstructed", "--object", "cube"]) == 0, capsys.readouterr()
-        first = paths.reconstructed_file("cube", "can").read_bytes()
+        first = paths.sampled_file("reconstructed", "cube").read_bytes()
         assert sample.main(["--source", "reconstructed", "--object", "cube"]) == 0
     finally:
         Path("away").rename(prepared)
-    assert paths.reconstructed_file("cube", "can").read_bytes() == first
-    rows = read_table(paths.reconstructed_file("cube", "can"), MERGED, "")
+    assert paths.sampled_file("reconstructed", "cube").read_bytes() == first
+    rows = read_table(paths.sampled_file("reconstructed", "cube"), MERGED, "")
     assert (rows["rejected_by"] == "").sum() == 3 and set(rows["object1"]) == {"can"}
-    assert [path.name for path in sorted(paths.reconstructed_folder("cube").iterdir())] == [
-        "can.parquet",
-        "quality.json",
-    ]
+    assert set(json.loads(paths.sample_quality_file("reconstructed").read_text())["cube"]) == {"can"}
     assert sample.main(["--source", "reconstructed", "--object", "can"]) == 2
     assert "there is no object 'can' under `reconstructed`" in capsys.readouterr().err
 
@@ -149,7 +163,7 @@ def test_own_files_give_ranked_grasps_in_the_frames_of_the_files(model, tmp_path
 
 
 def test_bad_input_is_one_sentence(model, tmp_path, capsys):
-    assert sample.main(["--object", "teapot"]) == 2
+    assert sample.main([*LEARNED, "--object", "teapot"]) == 2
     assert "styles.pinch does not name 'teapot'" in capsys.readouterr().err
     assert sample.main(["--object0", "none.stl", "--object1", "none.stl"]) == 2
     error = capsys.readouterr().err
@@ -157,14 +171,17 @@ def test_bad_input_is_one_sentence(model, tmp_path, capsys):
     with pytest.raises(SystemExit):
         sample.main(["--object0", "none.stl"])
     with pytest.raises(SystemExit):
-        sample.main(["--source", "reconstructed", "--object0", "none.stl", "--object1", "none.stl"])
-    assert "give --source with --object NAME" in capsys.readouterr().err
+        sample.main(["--object0", "none.stl", "--object1", "none.stl", "-n", "0"])
+    assert "--object0" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        sample.main(["--object", "cube"])
+    assert "--source learned" in capsys.readouterr().err
 
 
 def test_without_a_model_the_stage_that_makes_it_is_named(model, capsys):
     model.rename(model.with_name("away"))
     try:
-        assert sample.main(["--object", "cube"]) == 2
+        assert sample.main([*LEARNED, "--object", "cube"]) == 2
         assert "run `dvc repro train`" in capsys.readouterr().err
     finally:
         model.with_name("away").rename(model)

@@ -1,3 +1,4 @@
+import dataclasses
 import json
 
 import pytest
@@ -44,14 +45,25 @@ def test_a_killed_run_resumes_to_the_same_bytes(examples, settings, trained, tmp
         assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "resumed" / name).read_bytes(), name
 
 
-def test_another_run_s_state_is_not_resumed(examples, settings, trained, tmp_path):
+@pytest.mark.parametrize(("changes", "code"), [({"learning_rate": 0.01}, ""), ({}, "other")])
+def test_another_run_s_state_is_not_resumed(examples, settings, trained, tmp_path, changes, code):
     state = tmp_path / "state.pt"
-    training.train(examples, with_optimization(settings, learning_rate=0.01), 1, state)
+    training.train(examples, with_optimization(settings, **changes), 1, state, code)
+    spoilt = torch.load(state, weights_only=True)
+    for weights in spoilt["average"].values():
+        weights.zero_()  # so that it would be seen
+    torch.save(spoilt, state)
     checkpoint, _ = training.train(examples, settings, 1, state)
     assert all(torch.equal(value, trained[0].weights[name]) for name, value in checkpoint.weights.items())
     state.write_bytes(b"half a fi")
     checkpoint, _ = training.train(examples, settings, 1, state)
     assert all(torch.equal(value, trained[0].weights[name]) for name, value in checkpoint.weights.items())
+
+
+def test_what_a_model_says_it_was_not_trained_on_is_part_of_its_identity(examples, settings):
+    renamed = dataclasses.replace(examples, held_out={name: [99] for name in examples.held_out})
+    identities = [training.training_identity(each, settings, 1, "") for each in (examples, renamed)]
+    assert identities[0] != identities[1]
 
 
 def test_the_curve_has_a_point_per_record_with_both_losses(trained, settings):
