@@ -8,6 +8,7 @@ the Allegro ``joint_0.0`` ... ``joint_15.0``. A table of another hand names it i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO
 
@@ -238,11 +239,12 @@ def write_table(target: Path, rows: pd.DataFrame, schema: pa.Schema) -> None:
         pq.write_table(table, temporary, compression="zstd")
 
 
-def read_table(source: Path, schema: pa.Schema, made_by: str) -> pd.DataFrame:
+def read_table(source: Path, schema: pa.Schema, made_by: str, columns: Sequence[str] | None = None) -> pd.DataFrame:
     """Read a table and check its columns.
 
     Args:
         made_by: the DVC stage that writes the file, named in errors.
+        columns: those to read, all when left out.
 
     Raises:
         UserError: the file is missing, damaged, of another hand, or has other columns.
@@ -252,16 +254,16 @@ def read_table(source: Path, schema: pa.Schema, made_by: str) -> pd.DataFrame:
         raise UserError(f"{source} is missing; {mend}.")
     try:
         check_size(source)
-        table = pq.read_table(source)
-        written, wanted = hand_of_schema(table.schema), hand_of_schema(schema)
+        file = pq.ParquetFile(source)
+        written, wanted = hand_of_schema(file.schema_arrow), hand_of_schema(schema)
         if written != wanted:
             raise UserError(
                 f"{source} holds grasps of the hand {written}, not of the {wanted}; run `dvc repro {made_by}` with "
                 f"hand: {wanted} in params.yaml to make them."
             )
-        if not table.schema.equals(schema):
+        if not file.schema_arrow.equals(schema):
             raise UserError(f"{source} has other columns than this version expects; delete it and {mend}.")
-        return table.to_pandas(ignore_metadata=True)
+        return file.read(columns).select(columns or schema.names).to_pandas(ignore_metadata=True)
     except (pa.ArrowException, OSError, ValueError) as error:
         raise UserError(f"{source} is damaged or not a parquet file; delete it and {mend}.") from error
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
 
+import numpy as np
 import pandas as pd
 
+# Up to so many pairs each stands in the page, in the summary and in the data card by itself; past it all are told by
+# what they have in common (`Spread`), and reports/pairs.parquet has a row for each.
+MOST_PAIRS = 64
 PLANNING_FAILURE = "plan "  # how reasons of trials begin that ended because no motion was found
 
 
@@ -89,6 +94,35 @@ class PairTrials:
     def reachable_rate(self) -> float:
         """Grasps with moves for both picks / grasps for which moves were planned before anything had moved."""
         return ratio(self.planned, self.attempts)
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How some values are distributed; all 0 where there are none."""
+
+    mean: float
+    least: float
+    quartile_1: float
+    median: float
+    quartile_3: float
+    most: float
+
+
+def spread(values: Sequence[float]) -> Spread:
+    """Return mean, extremes and quartiles (interpolated linearly) of ``values``."""
+    if not len(values):
+        return Spread(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    least, first, median, third, most = np.percentile(np.asarray(values, np.float64), [0, 25, 50, 75, 100]).tolist()
+    return Spread(mean(list(values)), least, first, median, third, most)
+
+
+def summed(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
+    """Return the sums of counts by name, sorted by name."""
+    total: dict[str, int] = {}
+    for count in counts:
+        for name, number in count.items():
+            total[name] = total.get(name, 0) + number
+    return dict(sorted(total.items()))
 
 
 def ratio(part: int, whole: int) -> float:
