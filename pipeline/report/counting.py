@@ -1,4 +1,4 @@
-"""Counts of all tables of a run, each read once and only the columns that count: a large run never lies in memory whole."""
+"""Counts of all tables of a run: only the columns that count are read, so that a large run fits into memory."""
 
 from __future__ import annotations
 

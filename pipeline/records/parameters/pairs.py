@@ -40,7 +40,8 @@ def partners(
     for first in firsts:
         preferred = sorted(seconds, key=lambda second: item_seed(seed, "pairs", first, second))
         free = [second for second in preferred if load[second] < most]
-        drawn[first] = set([*free, *(name for name in preferred if name not in free)][:pairs])
+        full = (second for second in preferred if load[second] >= most)
+        drawn[first] = set([*free, *full][:pairs])
         load.update(drawn[first])
     for second in seconds:
         if firsts and not load[second]:
