@@ -98,10 +98,10 @@ def full_look(settings: ReportParameters) -> Look:
 
 
 def small_look(settings: ReportParameters) -> Look:
-    """Return how a pair is shown among many: fewer and smaller pictures, as each costs about a third of a second."""
-    width = min(settings.picture_width, 240)
+    """Return how a pair is shown among many: fewer and smaller pictures, as their cost grows with the pixels."""
+    width = min(settings.picture_width, 200)
     height = round(settings.picture_height * width / settings.picture_width)
-    return Look(width, height, min(settings.pictures_per_trial, 4), grasps=3, poster=200)
+    return Look(width, height, min(settings.pictures_per_trial, 4), grasps=3, poster=160)
 
 
 def draw_pairs(requests: Sequence[Request], workers: int) -> list[Drawn]:

@@ -199,7 +199,6 @@ class Parameters(Section):
                 raise ValueError(f"harder.settings.{name}: frequencies are the same in all settings; remove them there")
         return self
 
-
     def partners(self) -> dict[str, tuple[str, ...]]:
         """Return, for each first object, the objects that are picked after it."""
         return partners(self.styles.pinch, self.styles.side, self.pairs, self.seed)
