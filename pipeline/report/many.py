@@ -151,13 +151,12 @@ def _by_style(funnels: Sequence[Funnel]) -> dict[str, list[Funnel]]:
     return {style: [one for one in funnels if one.style == style] for style in dict.fromkeys(f.style for f in funnels)}
 
 
-def every_row(source: str = "") -> str:
+def every_row() -> str:
     """Return the sentence that leads to the table of all pairs, with a line of Python that reads it."""
-    chosen = f"""[lambda rows: rows["source"] == "{source}"]""" if source else ""
-    code = f'pandas.read_parquet("reports/pairs.parquet"){chosen}.sort_values("success_rate")'
+    code = 'pandas.read_parquet("reports/pairs.parquet").sort_values("success_rate")'
     return (
-        '<p>Every pair is a row of <a href="pairs.parquet">reports/pairs.parquet</a>; the file itself says what its '
-        f"columns mean. <code>{escape(code)}</code></p>\n"
+        '<p>Every pair is a row of <a href="pairs.parquet">reports/pairs.parquet</a>, which itself says what its '
+        f"columns mean: <code>{escape(code)}</code>.</p>\n"
     )
 
 
@@ -179,7 +178,7 @@ def success_of_many(source: str, pairs: Sequence[PairTrials], criterion: str, pu
     reasons = summed(pair.reasons for pair in pairs)
     bars = [("all pairs", {"success": sum(pair.successes for pair in pairs), **reasons})]
     parts = [
-        f"<p>{count} pairs are too many to show one by one.</p>\n{every_row(source)}",
+        f"<p>{count} pairs are too many to show one by one.</p>\n{every_row()}",
         spread_table("of a pair", [(title, count, spread(values), 1) for title, values in figures]),
         f'<div class="beside">{published}</div>\n',
         "<h3>Success per pair</h3>\n",

@@ -402,8 +402,8 @@ def pairs_section(content: PageContent) -> str:
     if content.worst:
         legend = (
             f"<p>Of {max(map(len, content.trials.values()))} pairs, the {len(content.worst)} with the smallest share "
-            "of successes over the trials of all sources, each with a trial that failed for the commonest reason. "
-            f"</p>\n{every_row()}{worst_table(content.worst, content.trials, PAIR_KEY)}{legend}"
+            "of successes over the trials of all sources, each with a trial that failed for the commonest reason.</p>\n"
+            f"{every_row()}{worst_table(content.worst, content.trials, PAIR_KEY)}{legend}"
         )
     views = [_pair_view(view, _trial_folds(view.first, view.second, content.trial_tables)) for view in content.views]
     seen = {(view.first, view.second) for view in content.views}

@@ -9,6 +9,7 @@ from PIL import Image
 
 from pipeline.records.parameters.harder import HarderSetting
 from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED
+from pipeline.report.counting import PairCounts, pair_counts
 from pipeline.report.harder import Change, Harder, compared
 from pipeline.report.learned import Learned
 from pipeline.report.rates import pair_merge
@@ -139,6 +140,12 @@ def trials(first: str, seconds: list[str], source: str = "synthesized") -> pd.Da
                 }
             )
     return _filled(TRIALS, rows)
+
+
+def counts(first: str, seconds: Sequence[str], source: str = "synthesized", accepted: int = 2) -> list[PairCounts]:
+    """All pairs of one first object."""
+    tried = trials(first, list(seconds), source)
+    return [pair_counts(source, first, second, merged(first, second, accepted), tried) for second in seconds]
 
 
 # What `metrics.json` of a rendered capture holds, as far as summary and page read it; the box has no known truth.
