@@ -91,7 +91,7 @@ def stage_metrics(stage: str, metrics: Mapping[str, float]) -> dict[str, float]:
     prefix = kind.replace("-", ".") + "."
     if stage == "sample@learned":
         return {key.removeprefix(prefix): value for key, value in metrics.items() if key.startswith(prefix)}
-    if kind in ("merge", "sample") or (kind.startswith("evaluate-") and kind != HARDER):
+    if item and (kind in ("merge", "sample") or (kind.startswith("evaluate-") and kind != HARDER)):
         return {key.removeprefix(prefix): v for key, v in metrics.items() if key.startswith(f"{prefix}{item}--")}
     if item:
         prefix += f"{item}."
