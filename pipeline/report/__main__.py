@@ -62,8 +62,8 @@ def page_content(parameters: Parameters, counts: Counts, quality: Any) -> PageCo
     from pipeline.report.learned import load_learned
     from pipeline.report.page import PageContent
     from pipeline.report.reconstructed import load_reconstructed
-    from pipeline.report.requests import plan
     from pipeline.report.scene import UNIT
+    from pipeline.report.selection import plan
     from pipeline.report.settings import all_settings
     from pipeline.report.summary import summarize
     from pipeline.report.trial_rows import trials_table

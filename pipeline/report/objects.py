@@ -55,5 +55,5 @@ def read_mesh(name: str) -> Mesh:
         return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
     except FileNotFoundError as error:
         raise UserError(f"{file} is missing; {MEND}.") from error
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, TypeError, LookupError, AttributeError, EOFError) as error:
         raise UserError(f"{file} is damaged ({error}); delete it and {MEND}.") from error

@@ -24,8 +24,8 @@ from pipeline.report.harder import PREFIX
 from pipeline.report.many import WORST_PAIRS, worst_pairs
 from pipeline.report.page import PageContent, Strip, build_page, result_sentence
 from pipeline.report.rates import MOST_PAIRS, PairTrials, single_grasp_funnel, wilson_interval
-from pipeline.report.requests import plan
 from pipeline.report.scene import UNIT, fractions, hexadecimal, shape_record, shown_grasps
+from pipeline.report.selection import plan
 from pipeline.report.settings import described
 from pipeline.report.summary import summarize
 from pipeline.report.trial_rows import trials_table
