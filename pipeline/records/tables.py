@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import pandas as pd
 import pyarrow as pa
@@ -239,16 +239,27 @@ def write_table(target: Path, rows: pd.DataFrame, schema: pa.Schema) -> None:
         pq.write_table(table, temporary, compression="zstd")
 
 
-def read_table(source: Path, schema: pa.Schema, made_by: str, columns: Sequence[str] | None = None) -> pd.DataFrame:
+def read_table(source: Path, schema: pa.Schema, made_by: str) -> pd.DataFrame:
     """Read a table and check its columns.
 
     Args:
         made_by: the DVC stage that writes the file, named in errors.
-        columns: those to read, all when left out.
 
     Raises:
         UserError: the file is missing, damaged, of another hand, or has other columns.
     """
+    return _read(source, schema, made_by, schema.names).to_pandas(ignore_metadata=True)
+
+
+def read_columns(source: Path, schema: pa.Schema, made_by: str, columns: Sequence[str]) -> dict[str, list[Any]]:
+    """Read some columns of a table as lists, which takes a tenth of the time of a data frame where rows are few.
+
+    Args, Raises: see :func:`read_table`.
+    """
+    return _read(source, schema, made_by, columns).to_pydict()
+
+
+def _read(source: Path, schema: pa.Schema, made_by: str, columns: Sequence[str]) -> pa.Table:
     mend = f"run `dvc repro {made_by}` to make it again"
     if not source.exists():
         raise UserError(f"{source} is missing; {mend}.")
@@ -263,7 +274,7 @@ def read_table(source: Path, schema: pa.Schema, made_by: str, columns: Sequence[
             )
         if not file.schema_arrow.equals(schema):
             raise UserError(f"{source} has other columns than this version expects; delete it and {mend}.")
-        return file.read(columns).select(columns or schema.names).to_pandas(ignore_metadata=True)
+        return file.read(list(columns), use_threads=False).select(columns)
     except (pa.ArrowException, OSError, ValueError) as error:
         raise UserError(f"{source} is damaged or not a parquet file; delete it and {mend}.") from error
 

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
-import pandas as pd
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from pipeline.compute.fan_out import fan_out
 from pipeline.records import paths
 from pipeline.records.parameters.objects import StylesParameters
-from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED, read_table
+from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED, read_columns
 from pipeline.report.rates import (
     MOST_PAIRS,
+    OUTCOMES,
+    Columns,
     Funnel,
     PairMerge,
     PairTrials,
@@ -26,7 +29,6 @@ from pipeline.report.rates import (
 STYLES = ("pinch", "side")
 SYNTHESIZED, LEARNED = paths.SOURCES
 FATES = ("object1", "grasp0_id", "grasp1_id", "gravity_drift", "rejected_by")
-OUTCOMES = ("object0", "object1", "merged_id", "success", "success_10cm", "reason", "planning_attempts")
 
 
 @dataclass(frozen=True)
@@ -136,24 +138,16 @@ def firsts_of(partners: Mapping[str, Sequence[str]], reconstructed: Mapping[str,
     return [First(source, first, tuple(seconds)) for source, own in pairs for first, seconds in own.items()]
 
 
-def read_grasps(source: str, first: str, columns: Sequence[str] | None = None) -> pd.DataFrame:
-    """Read the two-object grasps of a source that begin with ``first``, all columns or some.
-
-    Raises:
-        UserError: the table is missing or damaged.
-    """
+def grasps_of(source: str, first: str) -> tuple[Path, pa.Schema, str]:
+    """Return the table of a source's two-object grasps that begin with ``first``: file, columns, stage."""
     if source == SYNTHESIZED:
-        return read_table(paths.merged_file(first), MERGED, "merge", columns)
-    return read_table(paths.sampled_file(source, first), MERGED, f"sample@{source}", columns)
+        return paths.merged_file(first), MERGED, "merge"
+    return paths.sampled_file(source, first), MERGED, f"sample@{source}"
 
 
-def read_trials(source: str, first: str, columns: Sequence[str] | None = None) -> pd.DataFrame:
-    """Read the trials with grasps of a source that begin with ``first``, all columns or some.
-
-    Raises:
-        UserError: the table is missing or damaged.
-    """
-    return read_table(paths.trials_file(source, first), TRIALS, f"evaluate@{source}", columns)
+def trials_of(source: str, first: str) -> tuple[Path, pa.Schema, str]:
+    """Return the table of a source's trials that begin with ``first``: file, columns, stage."""
+    return paths.trials_file(source, first), TRIALS, f"evaluate@{source}"
 
 
 def count_single(item: Single) -> Funnel:
@@ -162,15 +156,10 @@ def count_single(item: Single) -> Funnel:
     Raises:
         UserError: a table is missing or damaged.
     """
-    names = item.style, item.object_name
-    candidates = read_table(
-        paths.candidates_file(*names), CANDIDATES, f"synthesize@{item.style}", ["grasp_id", "rejected_by"]
-    )
-    validated = read_table(
-        paths.validated_file(*names),
-        VALIDATED,
-        f"validate@{item.style}",
-        ["grasp_id", "rejected_by", "contact_only_pass"],
+    names, chains = (item.style, item.object_name), ["grasp_id", "rejected_by"]
+    candidates = read_columns(paths.candidates_file(*names), CANDIDATES, f"synthesize@{item.style}", chains)
+    validated = read_columns(
+        paths.validated_file(*names), VALIDATED, f"validate@{item.style}", [*chains, "contact_only_pass"]
     )
     return single_grasp_funnel(*names, candidates, validated)
 
@@ -181,23 +170,23 @@ def count_first(item: First) -> list[PairCounts]:
     Raises:
         UserError: a table is missing or damaged.
     """
-    grasps = read_grasps(item.source, item.first, FATES)
-    trials = read_trials(item.source, item.first, OUTCOMES)
+    grasps = read_columns(*grasps_of(item.source, item.first), FATES)
+    trials = read_columns(*trials_of(item.source, item.first), OUTCOMES)
     return [pair_counts(item.source, item.first, second, grasps, trials) for second in item.seconds]
 
 
-def pair_counts(source: str, first: str, second: str, grasps: pd.DataFrame, trials: pd.DataFrame) -> PairCounts:
+def pair_counts(source: str, first: str, second: str, grasps: Columns, trials: Columns) -> PairCounts:
     """Count one pair; both tables may hold other pairs with the same first object too."""
-    own = grasps[grasps["object1"] == second]
-    accepted = own[own["rejected_by"] == ""]
+    own = [row for row in zip(*(grasps[name] for name in FATES), strict=True) if row[0] == second]
+    accepted = [row for row in own if row[-1] == ""]
     return PairCounts(
         source=source,
-        grasps=pair_merge(first, second, own),
+        grasps=pair_merge(first, second, (check for *_, check in own)),
         trials=pair_trials(first, second, trials),
-        grasp_ids=accepted[["grasp0_id", "grasp1_id"]].to_numpy(np.int64).reshape(-1, 2),
-        drifts=np.array([_largest(drift) for drift in accepted["gravity_drift"]], np.float64),
+        grasp_ids=np.array([row[1:3] for row in accepted], np.int64).reshape(-1, 2),
+        drifts=np.array([_largest(drift) for _, _, _, drift, _ in accepted], np.float64),
     )
 
 
-def _largest(values: NDArray[np.float64] | None) -> float:
-    return float("nan") if values is None or not len(values) else float(np.max(values))
+def _largest(values: Sequence[float] | None) -> float:
+    return float("nan") if values is None or not len(values) else float(max(values))

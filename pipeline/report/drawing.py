@@ -21,8 +21,9 @@ from pipeline.pictures.table_scene import moment_picture
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.report import ReportParameters
 from pipeline.records.poses import pose_matrix
+from pipeline.records.tables import read_table
 from pipeline.report.chosen_trials import choose_trials, chosen_moments
-from pipeline.report.counting import SYNTHESIZED, read_grasps, read_trials
+from pipeline.report.counting import SYNTHESIZED, grasps_of, trials_of
 from pipeline.report.embedding import FoldedTable
 from pipeline.report.figure_files import contact_sheet
 from pipeline.report.objects import read_mesh
@@ -40,7 +41,7 @@ from pipeline.report.scene import (
     shape_record,
     shown_grasps,
 )
-from pipeline.report.trial_rows import WITHOUT_PICTURES, replay_command, trials_table
+from pipeline.report.trial_rows import replay_command, trials_table
 
 GRASP_AZIMUTH, GRASP_ELEVATION = 29.0, 13.0  # degrees; as the first view in ``viewer.js``
 # Of pictures in the page, which all ride in one file: twice the width at which a strip shows them. The files under
@@ -118,18 +119,10 @@ def draw_pairs(requests: Sequence[Request], workers: int) -> list[Drawn]:
 
 def read_and_draw(request: Request) -> Drawn:
     """Read what a request needs and draw it; a run of many pairs does not fit into memory at once."""
-    pictured = {source for source, _ in request.strips}
-    return draw_pair(
-        PairTask(
-            request=request,
-            meshes=(read_mesh(request.first), read_mesh(request.second)),
-            merged=read_grasps(SYNTHESIZED, request.first) if SYNTHESIZED in request.told else pd.DataFrame(),
-            trials={
-                source: read_trials(source, request.first, None if source in pictured else WITHOUT_PICTURES)
-                for source in dict.fromkeys([*request.told, *pictured])
-            },
-        )
-    )
+    told = dict.fromkeys([*request.told, *(source for source, _ in request.strips)])
+    merged = read_table(*grasps_of(SYNTHESIZED, request.first)) if SYNTHESIZED in request.told else pd.DataFrame()
+    trials = {source: read_table(*trials_of(source, request.first)) for source in told}
+    return draw_pair(PairTask(request, (read_mesh(request.first), read_mesh(request.second)), merged, trials))
 
 
 def draw_pair(task: PairTask) -> Drawn:

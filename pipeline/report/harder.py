@@ -15,10 +15,10 @@ from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.tables import TRIALS, read_table
 from pipeline.report import meanings
 from pipeline.report.charts import Cell, Link, bars_with_table, percent, table
-from pipeline.report.counting import read_trials
+from pipeline.report.counting import trials_of
 from pipeline.report.rates import MOST_PAIRS, PairTrials, mean, pair_trials, ratio, summed
 from pipeline.report.settings import described
-from pipeline.report.trial_rows import WITHOUT_PICTURES, trials_key
+from pipeline.report.trial_rows import trials_key
 
 IDENTITY = ["object0", "object1", "trial"]
 SUCCESS = "success"
@@ -75,8 +75,8 @@ def load_harder(
     firsts = dict.fromkeys(first for first, _ in parameters.pairs)
     found = []
     for name, setting in parameters.settings.items():
-        rows = read_table(paths.harder_file(name), TRIALS, "evaluate-harder", WITHOUT_PICTURES)
-        standard = pd.concat([read_trials(setting.source, first, WITHOUT_PICTURES) for first in firsts])
+        rows = read_table(paths.harder_file(name), TRIALS, "evaluate-harder")
+        standard = pd.concat([read_table(*trials_of(setting.source, first)) for first in firsts])
         found.append(compared(name, setting, rows, standard, parameters.pairs, changes_of(setting, evaluate, physics)))
     return found
 

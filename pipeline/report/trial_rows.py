@@ -9,10 +9,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.records import paths
-from pipeline.records.tables import TRIALS
 from pipeline.report.embedding import FoldedTable
-
-WITHOUT_PICTURES = tuple(name for name in TRIALS.names if not name.startswith("snapshot_"))
 
 HEADERS = (
     "trial",

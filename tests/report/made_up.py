@@ -105,7 +105,7 @@ def learned(first: str, seconds: Sequence[str]) -> Learned:
             for step in (1, 2)
         ],
         quality={(first, second): own for second, own in quality(first, seconds).items()},
-        samples=[pair_merge(first, second, merged(first, second)) for second in seconds],
+        samples=[pair_merge(first, second, merged(first, second)["rejected_by"]) for second in seconds],
     )
 
 

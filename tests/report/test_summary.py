@@ -20,7 +20,7 @@ def summary() -> dict:
         for name in names
     ]
     merges = [
-        pair_merge("cube", side, made_up.merged("cube", side, accepted))
+        pair_merge("cube", side, made_up.merged("cube", side, accepted)["rejected_by"])
         for side, accepted in zip(SIDES, (2, 1), strict=True)
     ]
     trials = made_up.trials("cube", SIDES)
