@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pipeline.compute.fan_out import fan_out
 from pipeline.pictures.camera import framing
 from pipeline.pictures.decimation import Mesh, decimated
-from pipeline.pictures.render import Body, render
+from pipeline.pictures.render import Body, corner_normals, render
 from pipeline.pictures.robot import hand_bodies
 from pipeline.pictures.table_scene import moment_picture
 from pipeline.records.parameters.evaluate import EvaluateParameters
@@ -60,6 +60,7 @@ class Look:
     moments: int  # most per trial
     grasps: int = GRASPS_PER_PAIR  # most merged grasps to turn
     poster: int = 400  # pixels, edge of the picture of the first one
+    fine: bool = True  # objects in pictures have all their faces; otherwise those of the interactive view
 
 
 @dataclass(frozen=True)
@@ -100,9 +101,9 @@ def full_look(settings: ReportParameters) -> Look:
 
 def small_look(settings: ReportParameters) -> Look:
     """Return how a pair is shown among many: fewer and smaller pictures, as their cost grows with the pixels."""
-    width = min(settings.picture_width, 200)
+    width = min(settings.picture_width, 180)
     height = round(settings.picture_height * width / settings.picture_width)
-    return Look(width, height, min(settings.pictures_per_trial, 4), grasps=3, poster=160)
+    return Look(width, height, min(settings.pictures_per_trial, 4), grasps=3, poster=160, fine=False)
 
 
 def draw_pairs(requests: Sequence[Request], workers: int) -> list[Drawn]:
@@ -136,20 +137,18 @@ def draw_pair(task: PairTask) -> Drawn:
     if request.look.grasps and len(task.merged):
         own = task.merged[task.merged["object1"] == request.second]
         grasps = shown_grasps(own, used, request.look.grasps).to_dict("records")
+    shapes = [decimated(mesh, MOST_FACES) for mesh in task.meshes] if grasps or not request.look.fine else []
+    bodies = _bodies(task.meshes if request.look.fine else shapes) if grasps or shown else []
     view = PairView(
         first=request.first,
         second=request.second,
         grasps=[grasp_record(grasp, _placed_links(np.asarray(grasp["q"]))) for grasp in grasps],
         rows=[grasp_row(grasp) for grasp in grasps],
-        poster=grasp_poster(grasps[0], task.meshes, request.look.poster) if grasps else None,
-        strips=[trial_strip(row, task.meshes, request.look, request.evaluate) for row in shown],
+        poster=grasp_poster(grasps[0], bodies, request.look.poster) if grasps else None,
+        strips=[trial_strip(row, bodies, request.look, request.evaluate) for row in shown],
     )
-    shapes = {
-        f"object/{name}": shape_record(decimated(mesh, MOST_FACES))
-        for name, mesh in zip(pair, task.meshes, strict=True)
-        if grasps
-    }
-    return Drawn(view, shapes, {source: trials_table(source, *pair, task.trials[source]) for source in request.told})
+    records = {f"object/{name}": shape_record(shape) for name, shape in zip(pair, shapes, strict=False) if grasps}
+    return Drawn(view, records, {source: trials_table(source, *pair, task.trials[source]) for source in request.told})
 
 
 def opening_view(drawn: Iterable[Drawn]) -> PairView | None:
@@ -185,18 +184,26 @@ def _placed_links(q: NDArray[np.float64]) -> list[tuple[str, NDArray[np.float64]
     ]
 
 
-def _object_bodies(pair: Sequence[Mesh], poses: Sequence[NDArray[np.float64]]) -> list[Body]:
-    return [Body(*mesh, fractions(colour), T) for mesh, colour, T in zip(pair, OBJECT_COLOURS, poses, strict=True)]
+def _bodies(meshes: Sequence[Mesh]) -> list[Body]:
+    """Return both objects of a pair in their own frames."""
+    return [
+        Body(*mesh, fractions(colour), normals=corner_normals(*mesh))
+        for mesh, colour in zip(meshes, OBJECT_COLOURS, strict=True)
+    ]
 
 
-def grasp_poster(grasp: Mapping[str, Any], pair: Sequence[Mesh], size: int) -> bytes:
+def _placed(objects: Sequence[Body], poses: Sequence[NDArray[np.float64]]) -> list[Body]:
+    return [body.placed(T) for body, T in zip(objects, poses, strict=True)]
+
+
+def grasp_poster(grasp: Mapping[str, Any], objects: Sequence[Body], size: int) -> bytes:
     """Return a square WebP of a merged grasp (a row of a merged table), seen as in the interactive view.
 
     Args:
         size: pixels of its edge.
     """
     bodies = hand_bodies(np.eye(4), np.asarray(grasp["q"]))
-    bodies += _object_bodies(pair, [object_pose(grasp, index) for index in (0, 1)])
+    bodies += _placed(objects, [object_pose(grasp, index) for index in (0, 1)])
     points = np.concatenate([body.world_vertices() for body in bodies])
     camera = framing(points, GRASP_AZIMUTH, GRASP_ELEVATION, aspect=1.0)
     return as_webp(render(bodies, camera, size, size))
@@ -204,7 +211,7 @@ def grasp_poster(grasp: Mapping[str, Any], pair: Sequence[Mesh], size: int) -> b
 
 def trial_strip(
     trial: Mapping[str, Any],
-    pair: Sequence[Mesh],
+    objects: Sequence[Body],
     look: Look,
     evaluate: EvaluateParameters,
 ) -> Strip:
@@ -215,7 +222,7 @@ def trial_strip(
     for moment in moments:
         world = np.asarray([trial["snapshot_pose0"][moment], trial["snapshot_pose1"][moment]], dtype=np.float64)
         robot_q = np.asarray(trial["snapshot_robot_q"][moment], dtype=np.float64)
-        bodies = _object_bodies(pair, list(pose_matrix(world[:, :3], world[:, 3:])))
+        bodies = _placed(objects, list(pose_matrix(world[:, :3], world[:, 3:])))
         pictures.append(moment_picture(robot_q, bodies, evaluate.sponge_height, look.width, look.height))
     success = bool(trial["success"])
     outcome = "success" if success else f"failed: {trial['reason']}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -34,6 +35,14 @@ def partners(
     if not isinstance(pairs, int):
         chosen = {first: {second for name, second in pairs if name == first} for first in firsts}
         return {first: tuple(name for name in seconds if name in own) for first, own in chosen.items()}
+    return dict(_drawn(tuple(firsts), tuple(seconds), pairs, seed))
+
+
+@lru_cache(maxsize=4)
+def _drawn(
+    firsts: tuple[str, ...], seconds: tuple[str, ...], pairs: int, seed: int
+) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    """Return :func:`partners` of a number; a thousand objects with a thousand take seconds, and are asked for twice."""
     most = math.ceil(EXCESS * len(firsts) * min(pairs, len(seconds)) / max(len(seconds), 1))
     load: Counter[str] = Counter()
     drawn: dict[str, set[str]] = {}
@@ -46,4 +55,4 @@ def partners(
     for second in seconds:
         if firsts and not load[second]:
             drawn[min(firsts, key=lambda first: item_seed(seed, "pairs", first, second))].add(second)
-    return {first: tuple(name for name in seconds if name in own) for first, own in drawn.items()}
+    return tuple((first, tuple(name for name in seconds if name in own)) for first, own in drawn.items())
