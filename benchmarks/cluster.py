@@ -2,7 +2,7 @@
 
     nice python benchmarks/cluster.py [--style pinch] [--object cube] [--candidates 80] [--rounds 2] [--max-workers 2]
 
-Needs the prepared object and its candidates (`dvc repro synthesize-pinch@cube`). Every round runs all ways one after
+Needs the prepared object and its candidates (`dvc repro synthesize@pinch`). Every round runs all ways one after
 the other, so that other load on the machine meets all of them; the least time of each counts. Before every measurement
 a way computes some candidates, so that no start of processes is in the figures (but in a column of its own). CPU
 seconds are those of this process and all workers; "empty" are items that do nothing, which shows what sending costs.

@@ -87,7 +87,7 @@ class Clone:
                     *arguments,
                 ],
                 cwd=self.root,
-                env=self.environment,
+                env=self.environment | ({"RECOMPUTE": "1"} if "--force" in arguments else {}),
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 stdin=subprocess.DEVNULL,

@@ -32,6 +32,7 @@ import pandas as pd  # noqa: E402
 
 import pipeline  # noqa: E402, F401  (sets the thread counts before numpy is imported)
 from benchmarks.learned_objectives import chosen_pairs, commit, composed  # noqa: E402
+from pipeline.energy.scene import compile_kernels  # noqa: E402
 from pipeline.evaluate.grasps import TwoObjectGrasp, grasp_from_row  # noqa: E402
 from pipeline.evaluate.scene import without_grid  # noqa: E402
 from pipeline.evaluate.trial import run_trial, trial_inputs  # noqa: E402
@@ -154,7 +155,7 @@ def draw_samples(
         seed=item_seed(parameters.seed, "train", "sample", *names) % 2**31,
     )
     energy = pair_energy(task)
-    energy.compile()
+    compile_kernels()
     (grasps, _), drawing = timed(
         lambda: sample_grasps(checkpoint, model, task.points, draws, settings.sampler, settings.steps, task.seed)
     )

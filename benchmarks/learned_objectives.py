@@ -29,6 +29,7 @@ import numpy as np  # noqa: E402
 import pandas as pd  # noqa: E402
 
 import pipeline  # noqa: E402, F401  (sets the thread counts before numpy is imported)
+from pipeline.energy.scene import compile_kernels  # noqa: E402
 from pipeline.hand.allegro import load_hand  # noqa: E402
 from pipeline.records import paths  # noqa: E402
 from pipeline.records.objects import load_prepared_object  # noqa: E402
@@ -201,7 +202,7 @@ def main() -> None:
         )
         for index in judged
     }
-    next(iter(energies.values())).compile()
+    compile_kernels()
     optimization = {"steps": chosen.steps, "record_every": chosen.steps, "batch": chosen.batch}
     lean = {
         "denoiser": settings.denoiser.model_copy(update={"width": chosen.width, "blocks": chosen.blocks}),

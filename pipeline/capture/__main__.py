@@ -1,35 +1,73 @@
-"""`python -m pipeline.capture --name demo`: render the photos of ``data/capture/<name>/``."""
+"""Render the photos of captures: ``data/capture/<name>/``.
+
+`python -m pipeline.capture` brings all renderings of params.yaml up to date, `--name demo` makes one by hand.
+"""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
+from pipeline.compute.code import own_fingerprint
+from pipeline.compute.items import Keep, Stage, make_by_hand, make_items
+from pipeline.compute.outputs import Folders
 from pipeline.records import paths
+from pipeline.records.digests import digest, prepared_digest
+from pipeline.records.errors import UserError
+from pipeline.records.objects import load_prepared_object
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.running import run_stage
 
+if TYPE_CHECKING:
+    from pipeline.compute.pool import Work
 
-def sections(name: str) -> list[str]:
-    """Parameter sections that ``capture@<name>`` declares in ``dvc.yaml``."""
-    return ["seed", f"renderings.{name}"]
+STAGE = Stage("capture", "captures", Folders(paths.capture_folder("")))
 
 
-def capture(name: str) -> None:
-    """Render one capture and write its folder."""
-    seed, settings = load_parameters(sections(name)).values()
-    from pipeline.capture.recipe import render_capture
-    from pipeline.records.objects import load_prepared_object
+def sections() -> list[str]:
+    """Return the sections of ``params.yaml`` that the stage depends on."""
+    return ["seed", "renderings"]
 
-    objects = {object_name: load_prepared_object(object_name) for object_name in settings.objects}
-    render_capture(paths.capture_folder(name), name, objects, settings, seed, read_parameters().compute.workers)
+
+def capture(only: str) -> None:
+    """Render the captures that are not up to date, or one by hand."""
+    parameters = load_parameters(sections())
+    workers, renderings, seed = read_parameters().compute, parameters["renderings"], parameters["seed"]
+    if only and only not in renderings:
+        raise UserError(
+            f"params.yaml: there is no capture {only!r} under `renderings`; add it there, or use one of "
+            f"{', '.join(sorted(renderings)) or 'none yet'}."
+        )
+    names = [only] if only else list(renderings)
+    digests = {name: [prepared_digest(item) for item in renderings[name].objects] for name in names}
+
+    def work(name: str, keep: Keep) -> Work[None]:
+        from pipeline.capture.recipe import rendering
+
+        objects = {item: load_prepared_object(item) for item in renderings[name].objects}
+        keep(name, (yield from rendering(name, objects, renderings[name], seed)))
+
+    def begin(keys: Sequence[str], keep: Keep) -> list[tuple[str, Any]]:
+        return [(name, partial(work, name, keep)) for name in keys]
+
+    if only:
+        make_by_hand(STAGE, names, begin, workers)
+        return
+    common = digest(own_fingerprint("capture"), seed)
+    fingerprints = {name: digest(common, name, renderings[name], digests[name]) for name in names}
+    make_items(STAGE, fingerprints, begin, workers)
 
 
 def main() -> int:
     """Parse the command line and run the stage."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.capture", description=__doc__)
-    parser.add_argument("--name", required=True, help="name under `renderings` in params.yaml")
+    parser = argparse.ArgumentParser(
+        prog="python -m pipeline.capture", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--name", default="", help="name under `renderings` in params.yaml")
     chosen = parser.parse_args()
-    return run_stage(f"capture@{chosen.name}", lambda: capture(chosen.name))
+    return run_stage("capture", lambda: capture(chosen.name))
 
 
 if __name__ == "__main__":

@@ -14,13 +14,13 @@ from pipeline.capture.layout import FOAM, TAG_PLACES, camera_poses
 from pipeline.capture.rendering import Lens, Solid, Stage
 from pipeline.capture.sensor import jpeg_bytes, photograph
 from pipeline.capture.texture import Print, foam_picture
-from pipeline.compute.fan_out import fan_out
+from pipeline.compute.pool import Calls, Work, run_one
 from pipeline.records.errors import UserError
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.capture import RenderingParameters
 from pipeline.records.poses import pose_matrix
 from pipeline.records.seeds import item_generator
-from pipeline.records.writing import whole_folder, write_json
+from pipeline.records.writing import json_text, whole_folder
 
 
 @dataclass(frozen=True)
@@ -35,16 +35,16 @@ class _Shot:
     name: str
     view: int
     T_camera_scene: NDArray[np.float64]
-    target: Path
 
 
-def _take(shot: _Shot) -> None:
+def _take(shot: _Shot) -> bytes:
+    """Return a photo as JPEG."""
     settings = shot.settings
     stage = Stage(list(shot.solids), shot.foam, shot.block, settings.texture, settings.gloss)
     lens = Lens(settings.width, settings.height, settings.focal * settings.width, settings.distortion)
     light = stage.picture(lens, shot.T_camera_scene)
     pixels = photograph(light, settings, item_generator(shot.seed, "capture", shot.name, shot.view))
-    shot.target.write_bytes(jpeg_bytes(pixels, settings.jpeg_quality))
+    return jpeg_bytes(pixels, settings.jpeg_quality)
 
 
 def placed_solids(objects: Mapping[str, PreparedObject], settings: RenderingParameters) -> dict[str, Solid]:
@@ -90,15 +90,42 @@ def _tags_text(settings: RenderingParameters) -> str:
     return yaml.safe_dump(layout, sort_keys=False)
 
 
-def _write_surface(target: Path, solid: Solid) -> None:
+def _surface(solid: Solid) -> bytes:
+    """Return the surface of a solid in the scene as PLY."""
     import trimesh
 
-    trimesh.Trimesh(solid.placed(), solid.faces, process=False).export(target)
+    content: bytes = trimesh.Trimesh(solid.placed(), solid.faces, process=False).export(file_type="ply")
+    return content
 
 
 def photo_name(view: int) -> str:
     """Return the file name of a photo."""
     return f"photo_{view:03d}.jpg"
+
+
+def rendering(
+    name: str, objects: Mapping[str, PreparedObject], settings: RenderingParameters, seed: int
+) -> Work[dict[str, bytes]]:
+    """Render a capture, photo by photo, and return its files by relative path.
+
+    Raises:
+        UserError: see :func:`placed_solids`.
+    """
+    solids = placed_solids(objects, settings)
+    foam = foam_picture(settings.tags, settings.tag_size, item_generator(seed, "capture", "foam", 0))
+    block = Print.make(item_generator(seed, "capture", "print", 0))
+    scene = tuple(solids.values())
+    poses = camera_poses(settings.views, settings.distance, item_generator(seed, "capture", "path", 0))
+    shots = [_Shot(scene, foam, block, settings, seed, name, view, pose) for view, pose in enumerate(poses)]
+    photos = yield Calls(_take, shots)
+    centres = {Path(photo_name(view)).stem: (-T[:3, :3].T @ T[:3, 3]).tolist() for view, T in enumerate(poses)}
+    return {
+        **{f"images/{photo_name(view)}": photo for view, photo in enumerate(photos)},
+        "tags.yaml": _tags_text(settings).encode(),
+        "scene.yaml": _scene_text(solids, settings).encode(),
+        "gt/cameras.json": json_text({"rendered": True, "centres": centres}).encode(),
+        **{f"gt/{object_name}.ply": _surface(solid) for object_name, solid in solids.items()},
+    }
 
 
 def render_capture(
@@ -114,22 +141,8 @@ def render_capture(
     Raises:
         UserError: see :func:`placed_solids`, or the folder cannot be written to.
     """
-    solids = placed_solids(objects, settings)
-    foam = foam_picture(settings.tags, settings.tag_size, item_generator(seed, "capture", "foam", 0))
-    block = Print.make(item_generator(seed, "capture", "print", 0))
-    scene = tuple(solids.values())
-    poses = camera_poses(settings.views, settings.distance, item_generator(seed, "capture", "path", 0))
+    files = run_one(rendering(name, objects, settings, seed), workers, f"photos of {name}")
     with whole_folder(folder) as temporary:
-        (temporary / "images").mkdir()
-        (temporary / "gt").mkdir()
-        shots = [
-            _Shot(scene, foam, block, settings, seed, name, view, pose, temporary / "images" / photo_name(view))
-            for view, pose in enumerate(poses)
-        ]
-        fan_out(_take, shots, workers, f"photos of {name}")
-        (temporary / "tags.yaml").write_text(_tags_text(settings))
-        (temporary / "scene.yaml").write_text(_scene_text(solids, settings))
-        centres = {Path(photo_name(view)).stem: (-T[:3, :3].T @ T[:3, 3]).tolist() for view, T in enumerate(poses)}
-        write_json(temporary / "gt/cameras.json", {"rendered": True, "centres": centres})
-        for object_name, solid in solids.items():
-            _write_surface(temporary / "gt" / f"{object_name}.ply", solid)
+        for path, content in files.items():
+            (temporary / path).parent.mkdir(parents=True, exist_ok=True)
+            (temporary / path).write_bytes(content)

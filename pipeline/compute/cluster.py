@@ -1,6 +1,6 @@
-"""Items on the workers of a Dask cluster: one of this machine, or any whose scheduler has an address.
+"""Batches of calls on the workers of a Dask cluster: one of this machine, or any whose scheduler has an address.
 
-A worker needs nothing but the same code and packages: what an item is computed from is sent to it, what comes out is
+A worker needs nothing but the same code and packages: what a call is computed from is sent to it, what comes out is
 sent back, and only the stage's own process reads and writes the pipeline's files.
 """
 
@@ -8,27 +8,27 @@ from __future__ import annotations
 
 import atexit
 import logging
+import math
 import pickle
 import signal
 import sys
 import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cache, lru_cache, partial
-from itertools import islice
-from typing import Any, TypeVar
+from itertools import takewhile
+from typing import Any
 from weakref import WeakKeyDictionary
 
+from pipeline.compute.executor import AHEAD, BATCH_SECONDS, compute_batch
 from pipeline.compute.likeness import circumstances, difference
 from pipeline.compute.losses import PATIENCE, WorkersLost
 from pipeline.compute.shared import Shared
 from pipeline.records.errors import UserError
 
-Item = TypeVar("Item")
-Result = TypeVar("Result")
-
 ANSWER_SECONDS = 10  # for a scheduler to answer
-AHEAD = 2  # items given to every worker: the one that it computes, and the next
 LOOK_SECONDS = 2.0  # between looks at how many workers there are
 
 _sent: WeakKeyDictionary[Shared[Any], Any] = WeakKeyDictionary()
@@ -53,7 +53,8 @@ def connection(address: str, workers: int) -> Any:
             "compute.backend to processes."
         ) from error
     # What is wrong is said in sentences of our own; Dask's log tells every end of a worker in twenty lines.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    for name in ("distributed", "distributed.client"):  # the second has a level of its own
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     # Parts common to all items are sent once and may be large; there is nothing to split.
     dask.config.set({"distributed.admin.large-graph-warning-threshold": "10 GB"})
     # By Dask's 15 s, an own worker that happens to be down 15 s after it was killed would be given up.
@@ -93,98 +94,124 @@ def connection(address: str, workers: int) -> Any:
     return client
 
 
-def run_on_cluster(
-    function: Callable[[Item], Result], items: Sequence[Item], numbers: Sequence[int], client: Any, label: str
-) -> Iterator[tuple[int, Result]]:
-    """Yield numbers and results of the items with these numbers, as they are done.
+class ClusterExecutor:
+    """Batches on the workers of a cluster, whose number may change meanwhile."""
 
-    Raises:
-        WorkersLost: items whose workers died again and again, when all others are done.
-        UserError: a worker has other code or packages, or the scheduler is gone.
-    """
+    batch_seconds = BATCH_SECONDS
+    sending_seconds = 0.005
+
+    def __init__(self, client: Any) -> None:
+        from distributed import as_completed
+
+        self._client = client
+        self._keys: dict[Any, object] = {}  # by future
+        self._flying = as_completed(loop=client.loop, with_results=True, raise_errors=False)
+        self._expected, self._name = circumstances(), uuid.uuid4().hex
+        self._submitted, self._looked, self._workers = 0, -math.inf, 0
+
+    def room(self) -> int:
+        """See :class:`~pipeline.compute.executor.Executor`; it grows with the cluster."""
+        if time.monotonic() - self._looked > LOOK_SECONDS:
+            self._workers, self._looked = len(self._client.nthreads()), time.monotonic()
+        return AHEAD * max(self._workers, 1)
+
+    def prepare(self, function: Callable[[Any], Any]) -> _Prepared:
+        """Send what ``function`` shares to the cluster, once, and return the rest as bytes."""
+        call, shared = _parts(function)
+        with _scheduler_there():
+            return _Prepared(_pickled(call), shared, [_on_workers(self._client, each) for each in shared])
+
+    def submit(self, key: object, prepared: _Prepared, arguments: Sequence[Any]) -> None:
+        """See :class:`~pipeline.compute.executor.Executor`."""
+        self._submitted += 1
+        with _scheduler_there():
+            future = self._client.submit(
+                _computed,
+                self._expected,
+                prepared.call,
+                _pickled(list(arguments)),
+                *prepared.futures,
+                key=(self._name, self._submitted),
+                pure=False,
+            )
+            self._keys[future] = key
+            self._flying.add(future)
+
+    def finished(self) -> tuple[object, list[Any], float]:
+        """See :class:`~pipeline.compute.executor.Executor`.
+
+        Raises:
+            UserError: a worker has other code or packages, or the scheduler is gone.
+        """
+        from distributed import KilledWorker
+
+        future, result = next(self._flying)
+        key = self._keys.pop(future)
+        try:
+            with _scheduler_there():
+                return key, *pickle.loads(result if future.status == "finished" else future.result())
+        except KilledWorker as killed:
+            raise WorkersLost([key], killed.allowed_failures + 1) from killed
+        except ModuleNotFoundError as error:
+            if (error.name or "").split(".")[0] != "pipeline":
+                raise
+            raise UserError(
+                "a Dask worker does not find the package pipeline; start scheduler and workers from this checkout, "
+                "with its virtual environment (docs/scaling.md)."
+            ) from error
+
+    def cancel(self) -> None:
+        """Take back what is under way; the workers stay."""
+        if self._client.status == "running":
+            self._client.cancel(list(self._keys), force=True)
+        self._keys.clear()
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """A function for workers: what is left of it as bytes, and what it shares by the futures of its values."""
+
+    call: bytes
+    shared: tuple[Shared[Any], ...]  # held, as futures are kept by what they are of
+    futures: list[Any]
+
+
+@contextmanager
+def _scheduler_there() -> Iterator[None]:
     from concurrent.futures import CancelledError
 
     from distributed.comm import CommClosedError
 
     try:
-        yield from _as_done(function, items, numbers, client, label)
+        yield
     except (CancelledError, CommClosedError) as error:
         raise UserError(
             "the Dask scheduler is gone, or has dropped this stage's work; start the scheduler and run the stage again."
         ) from error
 
 
-def _as_done(
-    function: Callable[[Item], Result], items: Sequence[Item], numbers: Sequence[int], client: Any, label: str
-) -> Iterator[tuple[int, Result]]:
-    from distributed import as_completed
+def _parts(function: Callable[[Any], Any]) -> tuple[Callable[..., Any], tuple[Shared[Any], ...]]:
+    """Return a function of shared values and one argument, and what is shared: a partial's leading arguments.
 
-    call, common = _common_part(function)
-    task = partial(_computed, circumstances(), _pickled(call))
-    name, todo, flying = f"{label}-{uuid.uuid4().hex[:8]}", iter(numbers), as_completed()
-    known: dict[Any, int] = {}
-    suspects: list[int] = []
-    deaths, looked, room = 0, 0.0, 0
-    with_common = _on_workers(client, common)
-
-    def give() -> None:
-        for number in islice(todo, max(room - len(known), 0)):
-            future = client.submit(task, with_common, _pickled(items[number]), key=(name, number), pure=False)
-            known[future] = number
-            flying.add(future)
-
-    try:
-        room = AHEAD * max(len(client.nthreads()), 1)
-        give()
-        for future in flying:
-            number = known.pop(future)
-            try:
-                yield number, pickle.loads(_outcome(future))
-            except WorkersLost as lost:
-                suspects.append(number)
-                deaths = max(deaths, lost.deaths)
-            if time.monotonic() - looked > LOOK_SECONDS:
-                room, looked = AHEAD * max(len(client.nthreads()), 1), time.monotonic()
-            give()
-    finally:
-        if known and client.status == "running":
-            client.cancel(list(known), force=True)
-    if suspects:
-        raise WorkersLost(suspects, deaths)
-
-
-def _outcome(future: Any) -> bytes:
-    """Return what the worker sent.
-
-    Raises:
-        WorkersLost: the item's workers died again and again.
-        UserError: a worker has other code or packages.
-        Exception: whatever the item raised.
+    A partial that shares nothing is shared as a whole: it may hold as much.
     """
-    from distributed import KilledWorker
-
-    try:
-        return future.result()
-    except KilledWorker as killed:
-        raise WorkersLost([], killed.allowed_failures + 1) from killed
-    except ModuleNotFoundError as error:
-        if (error.name or "").split(".")[0] != "pipeline":
-            raise
-        raise UserError(
-            "a Dask worker does not find the package pipeline; start scheduler and workers from this checkout, with "
-            "its virtual environment (docs/scaling.md)."
-        ) from error
+    if not isinstance(function, partial):
+        return function, ()
+    shared = tuple(takewhile(lambda value: isinstance(value, Shared), function.args))
+    if not shared:
+        return _called, (Shared(function),)
+    return partial(_applied, function.func, function.args[len(shared) :], function.keywords), shared
 
 
-def _common_part(function: Callable[[Item], Result]) -> tuple[Callable[[Shared[Any], Item], Result], Shared[Any]]:
-    """Return a function as one of what all its items share and of the item."""
-    if isinstance(function, partial) and len(function.args) == 1 and isinstance(function.args[0], Shared):
-        return partial(function.func, **function.keywords), function.args[0]
-    return _called, Shared(function)
+def _called(shared: Shared[Callable[[Any], Any]], argument: Any) -> Any:
+    return shared.value(argument)
 
 
-def _called(shared: Shared[Callable[[Item], Result]], item: Item) -> Result:
-    return shared.value(item)
+def _applied(
+    function: Callable[..., Any], further: tuple[Any, ...], keywords: dict[str, Any], *shared_and_argument: Any
+) -> Any:
+    *shared, argument = shared_and_argument
+    return function(*shared, *further, argument, **keywords)
 
 
 def _on_workers(client: Any, shared: Shared[Any]) -> Any:
@@ -193,8 +220,9 @@ def _on_workers(client: Any, shared: Shared[Any]) -> Any:
     What Dask calls scattering is lost with them (https://github.com/dask/distributed/issues/3149).
     """
     if shared not in _sent:
-        content = _pickled(shared.value)
-        _sent[shared] = client.submit(pickle.loads, content, key=f"shared-{uuid.uuid4().hex}", pure=False)
+        future = client.submit(pickle.loads, _pickled(shared.value), key=f"shared-{uuid.uuid4().hex}", pure=False)
+        shared.at_end(future.release)
+        _sent[shared] = future
     return _sent[shared]
 
 
@@ -205,14 +233,15 @@ def _pickled(value: object) -> bytes:
     return cloudpickle.dumps(value)
 
 
-def _computed(expected: dict[str, str], call: bytes, common: Any, item: bytes) -> bytes:
-    """Compute one item on a worker and return the pickled result.
+def _computed(expected: dict[str, str], call: bytes, arguments: bytes, *shared: Any) -> bytes:
+    """Compute a batch on a worker and return what :func:`compute_batch` returns, pickled.
 
     Raises:
         UserError: the worker would not compute the same bytes.
     """
     _check_worker(tuple(expected.items()))
-    return pickle.dumps(pickle.loads(call)(Shared(common), pickle.loads(item)), protocol=pickle.HIGHEST_PROTOCOL)
+    function = partial(pickle.loads(call), *map(Shared, shared))
+    return pickle.dumps(compute_batch(function, pickle.loads(arguments)), protocol=pickle.HIGHEST_PROTOCOL)
 
 
 @lru_cache(maxsize=8)

@@ -1,70 +1,84 @@
-"""What to do when a process that computes is killed: its items run again, until one is known to kill whoever has it."""
+"""What to do when a process that computes is killed: its calls run again, until one is known to kill whoever has it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import TypeVar
+from collections import deque
+from collections.abc import Callable, Hashable, Sequence
+from typing import Generic, TypeVar
 
 from pipeline.records.errors import UserError
 
-Result = TypeVar("Result")
+Batch = TypeVar("Batch", bound=Hashable)
 
-# Deaths of processes before suspects run alone, and of processes that ran one item alone before it is given up. A
+# Deaths of processes before suspects run alone, and of processes that ran one call alone before it is given up. A
 # process may also die of something else: memory that others use, or a person.
 PATIENCE = 3
 
 
 class WorkersLost(Exception):
-    """Processes died, and these items had been given to them; everything else is done or has not begun."""
+    """Processes died, and these batches with them; every other batch is done or still under way."""
 
-    def __init__(self, suspects: Sequence[int], deaths: int) -> None:
-        """Tell the suspects, and how many processes died of them."""
-        super().__init__(suspects, deaths)
-        self.suspects, self.deaths = suspects, deaths
+    def __init__(self, batches: Sequence[Hashable], deaths: int) -> None:
+        """Tell the batches, and how many processes died of them."""
+        super().__init__(batches, deaths)
+        self.batches, self.deaths = batches, deaths
 
 
-def until_all_done(
-    run: Callable[[Sequence[int]], Iterable[tuple[int, Result]]], count: int, label: str
-) -> Iterator[tuple[int, Result]]:
-    """Yield numbers and results of all of ``count`` items, in any order, whatever processes die meanwhile.
+class Losses(Generic[Batch]):
+    """Decides what lost batches do next: run again beside others, run alone, or end the stage.
 
     Args:
-        run: computes the items of these numbers; raises :class:`WorkersLost` when processes have died.
-
-    Raises:
-        UserError: an item ended every process that computed it, the last times with no other item beside it.
+        split: returns a batch as batches of one call each.
+        name: how a batch of one call is called in the sentence that ends the stage.
     """
-    missing = dict.fromkeys(range(count))
 
-    def some(numbers: Sequence[int]) -> Iterator[tuple[int, Result]]:
-        for number, result in run(numbers):
-            del missing[number]
-            yield number, result
+    def __init__(self, split: Callable[[Batch], list[Batch]], name: Callable[[Batch], str]) -> None:
+        self._split, self._name = split, name
+        self._deaths = 0
+        self._suspects: deque[Batch] = deque()
+        self._alone: Batch | None = None
+        self._deaths_alone: dict[Batch, int] = {}
 
-    deaths = 0
-    while missing:
-        try:
-            yield from some(list(missing))
-        except WorkersLost as lost:
-            deaths += lost.deaths
-            if deaths >= PATIENCE:
-                for number in lost.suspects:
-                    yield from _alone(some, number, f"{label}: item {number + 1} of {count}")
-                deaths = 0
+    @property
+    def suspecting(self) -> bool:
+        """Whether there are batches that must run alone before all others go on."""
+        return bool(self._suspects) or self._alone is not None
 
+    def next_alone(self) -> Batch:
+        """Return the next batch to run with no other beside it."""
+        self._alone = self._suspects.popleft()
+        return self._alone
 
-def _alone(
-    some: Callable[[Sequence[int]], Iterator[tuple[int, Result]]], number: int, name: str
-) -> Iterator[tuple[int, Result]]:
-    deaths = 0
-    while True:
-        try:
-            yield from some([number])
+    def finished(self, batch: Batch) -> None:
+        """Note that a batch is done."""
+        if batch is self._alone:
+            self._alone = None
+
+    def lost(self, batches: Sequence[Batch], deaths: int) -> list[Batch]:
+        """Return which lost batches are to run again beside others; the rest are suspects now.
+
+        Raises:
+            UserError: a call has ended :data:`PATIENCE` processes that computed it and nothing else.
+        """
+        if self._alone is not None:
+            self._lost_alone(self._alone, deaths)
+            return []
+        self._deaths += deaths
+        if self._deaths < PATIENCE:
+            return list(batches)
+        self._suspects.extend(batches)
+        self._deaths = 0
+        return []
+
+    def _lost_alone(self, batch: Batch, deaths: int) -> None:
+        self._alone = None
+        if len(calls := self._split(batch)) > 1:
+            self._suspects.extendleft(reversed(calls))
             return
-        except WorkersLost as lost:
-            deaths += lost.deaths
-        if deaths >= PATIENCE:
+        self._deaths_alone[batch] = self._deaths_alone.get(batch, 0) + deaths
+        if self._deaths_alone[batch] >= PATIENCE:
             raise UserError(
-                f"{name} ended {deaths} processes that computed it and nothing else (too little memory?); set "
-                "compute.backend to processes and compute.workers to 1 to see how it ends."
+                f"{self._name(batch)} ended {self._deaths_alone[batch]} processes that computed it and nothing else "
+                "(too little memory?); set compute.backend to processes and compute.workers to 1 to see how it ends."
             )
+        self._suspects.appendleft(batch)

@@ -1,41 +1,81 @@
-"""Items in processes of this machine."""
+"""Batches of calls in processes of this machine."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import TypeVar
+import queue
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
 
+from pipeline.compute.executor import AHEAD, BATCH_SECONDS, compute_batch
 from pipeline.compute.losses import WorkersLost
 
-Item = TypeVar("Item")
-Result = TypeVar("Result")
-
-AHEAD = 2  # items given to every process: the one that it computes, and the next
+IDLE_SECONDS = 300  # after which a process ends that has nothing to do: the stage may be between two searches
 
 
-def run_in_processes(
-    function: Callable[[Item], Result], items: Sequence[Item], numbers: Sequence[int], count: int
-) -> Iterator[tuple[int, Result]]:
-    """Yield numbers and results of the items with these numbers, as they are done, from ``count`` processes.
+class Processes:
+    """As many processes as given, which stay for whoever asks next; made anew when one has died."""
 
-    Raises:
-        WorkersLost: a process died. Items are given out in order, so that the suspects are the first without result.
-    """
-    from joblib import Parallel, delayed
-    from joblib.externals.loky import BrokenProcessPool
+    batch_seconds = BATCH_SECONDS
+    sending_seconds = 0.0005
 
-    # A process of its own even for one item: it may be one that kills.
-    parallel = Parallel(
-        n_jobs=max(count, 2), return_as="generator_unordered", batch_size=1, pre_dispatch=f"{AHEAD} * n_jobs"
-    )
-    missing = dict.fromkeys(numbers)
-    try:
-        for number, result in parallel(delayed(_numbered)(function, number, items[number]) for number in numbers):
-            del missing[number]
-            yield number, result
-    except BrokenProcessPool as error:
-        raise WorkersLost(list(missing)[: AHEAD * max(count, 2)], deaths=1) from error
+    def __init__(self, count: int) -> None:
+        from joblib.externals.loky import get_reusable_executor
 
+        self._count = count
+        self._loky = get_reusable_executor(max_workers=count, timeout=IDLE_SECONDS)
+        self._flying: dict[Any, object] = {}  # keys by future
+        self._done: queue.SimpleQueue[Any] = queue.SimpleQueue()
 
-def _numbered(function: Callable[[Item], Result], number: int, item: Item) -> tuple[int, Result]:
-    return number, function(item)
+    def room(self) -> int:
+        """See :class:`~pipeline.compute.executor.Executor`."""
+        return AHEAD * self._count
+
+    def prepare(self, function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+        """Return the function itself: it goes with every batch, and what it shares through a file."""
+        return function
+
+    def submit(self, key: object, prepared: Callable[[Any], Any], arguments: Sequence[Any]) -> None:
+        """See :class:`~pipeline.compute.executor.Executor`."""
+        from joblib.externals.loky import BrokenProcessPool, get_reusable_executor
+
+        try:
+            future = self._loky.submit(compute_batch, prepared, arguments)
+        except BrokenProcessPool:
+            self._loky = get_reusable_executor(max_workers=self._count, timeout=IDLE_SECONDS)
+            future = self._loky.submit(compute_batch, prepared, arguments)
+        self._flying[future] = key
+        future.add_done_callback(self._done.put)
+
+    def finished(self) -> tuple[object, list[Any], float]:
+        """See :class:`~pipeline.compute.executor.Executor`; a death loses all batches that are not done."""
+        from joblib.externals.loky import BrokenProcessPool
+
+        future = self._done.get()
+        key = self._flying.pop(future)
+        try:
+            return key, *future.result()
+        except BrokenProcessPool as error:
+            raise self._lost(key) from error
+
+    def _lost(self, key: object) -> WorkersLost:
+        from joblib.externals.loky import BrokenProcessPool
+
+        lost, done = [key], []
+        for _ in range(len(self._flying)):
+            future = self._done.get()  # all end now
+            if isinstance(future.exception(), BrokenProcessPool):
+                lost.append(self._flying.pop(future))
+            else:
+                done.append(future)
+        for future in done:
+            self._done.put(future)
+        return WorkersLost(lost, deaths=1)
+
+    def cancel(self) -> None:
+        """End the processes with what they compute."""
+        # Loky fails in a thread of its own when it is ended before it has taken what was submitted.
+        while any(not future.running() and not future.done() for future in self._flying):
+            time.sleep(0.001)
+        self._flying.clear()
+        self._loky.shutdown(kill_workers=True)

@@ -228,6 +228,13 @@ def object_arrays(device: str, prepared: PreparedObject, energy: EnergyParameter
     return arrays
 
 
+def compile_kernels(device: str = "cpu") -> None:
+    """Compile the kernels for a device, or load them from Warp's cache."""
+    from pipeline.energy import kernel
+
+    warp().load_module(kernel, device=device)
+
+
 class EnergyScene:
     """One object in one style on one device, ready to evaluate and move grasps."""
 
@@ -265,10 +272,6 @@ class EnergyScene:
         weights.offset = self.energy.weight_offset
         weights.balance_forces = int(self.energy.balance_forces)
         return weights
-
-    def compile(self) -> None:
-        """Compile the kernels, or load them from Warp's cache."""
-        self.wp.load_module(self.kernel, device=self.device)
 
     def states(self, grasps: Grasps) -> Any:
         """Return ``kernel.States`` holding a batch; energies and gradients are still zero."""

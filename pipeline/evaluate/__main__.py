@@ -1,51 +1,72 @@
-"""`python -m pipeline.evaluate --source synthesized --object cube`: robot trials of all pairs that begin with it.
+"""Robot trials of all pairs: ``data/evaluate/<source>/<first object>.parquet``.
 
-Writes ``data/evaluate/<source>/<object>.parquet``.
+`python -m pipeline.evaluate --source synthesized` brings all trials up to date, `--object cube` runs those of the pairs
+that begin with one object by hand.
 """
 
 from __future__ import annotations
 
 import argparse
 
-from pipeline.evaluate.inputs import GRASPS, inputs_of_pairs, second_objects, sections
+from pipeline.compute.code import own_fingerprint
+from pipeline.compute.items import Stage, make_by_hand, make_items
+from pipeline.compute.outputs import Tables
+from pipeline.evaluate.inputs import SOURCES, inputs_of_pair, pairs_of, sections, trial_digests
 from pipeline.records import paths
+from pipeline.records.digests import digest, hand_digest
 from pipeline.records.parameters import load_parameters, read_parameters
+from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.running import run_stage
+from pipeline.records.tables import TRIALS
 
 
-def evaluate(source: str, first: str) -> None:
-    """Run all trials of the pairs that begin with ``first`` and write their table.
+def evaluate(source: str, only: str) -> None:
+    """Run the trials of a source that are not up to date, or those of one first object by hand.
 
     Raises:
         UserError: an input is missing or damaged, or params.yaml does not name the object for this source.
     """
-    parameters = load_parameters(sections(source, first))
+    parameters = load_parameters(sections(source))
     workers = read_parameters().compute
-    seconds = second_objects(source, first, parameters)
+    pairs = [(first, second) for first, seconds in pairs_of(source, parameters, only).items() for second in seconds]
 
-    import pandas as pd
+    from pipeline.evaluate.trials import trials_of
 
-    from pipeline.compute.fan_out import fan_out
-    from pipeline.evaluate.trial import run_trial
-    from pipeline.records.tables import TRIALS, write_table
+    tables = Tables(paths.trials_file(source, "").parent, TRIALS, ("object1", "trial"))
+    stage = Stage(f"evaluate@{source}", "trials", tables)
+    with trials_of(tables, lambda pair: inputs_of_pair(source, *pair.split("/"), parameters)) as begin:
+        if only:
+            numbers = range(parameters["evaluate"].trials)
+            make_by_hand(stage, [f"{'/'.join(pair)}/{number}" for pair in pairs for number in numbers], begin, workers)
+        else:
+            common = digest(own_fingerprint("evaluate"), hand_digest(ALLEGRO))
+            fingerprints = {
+                f"{'/'.join(pair)}/{number}": digest(common, own)
+                for pair in pairs
+                for number, own in enumerate(trial_digests(source, *pair, parameters))
+            }
+            make_items(stage, fingerprints, begin, workers)
+    _print_outcomes(source, pairs)
 
-    inputs = inputs_of_pairs(source, first, seconds, parameters)
-    rows = pd.DataFrame(fan_out(run_trial, inputs, workers, f"trials of {first}"), columns=TRIALS.names)
-    write_table(paths.trials_file(source, first), rows, TRIALS)
-    for second in seconds:
-        own = rows[rows["object1"] == second]
-        print(f"{first} then {second}: {int(own['success'].sum())} of {len(own)} trials lifted both objects")
+
+def _print_outcomes(source: str, pairs: list[tuple[str, str]]) -> None:
+    from pyarrow.parquet import read_table
+
+    for first in dict.fromkeys(first for first, _ in pairs):
+        rows = read_table(paths.trials_file(source, first), columns=["object1", "success"]).to_pandas()
+        for second, own in rows.groupby("object1", sort=False):
+            print(f"{first} then {second}: {int(own['success'].sum())} of {len(own)} trials lifted both objects")
 
 
 def main() -> int:
     """Parse the command line and run the stage."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.evaluate", description=__doc__)
-    parser.add_argument("--source", required=True, choices=sorted(GRASPS), help="where the grasps come from")
-    parser.add_argument("--object", required=True, help="the object that is picked first, a name in params.yaml")
-    arguments = parser.parse_args()
-    return run_stage(
-        f"evaluate-{arguments.source}@{arguments.object}", lambda: evaluate(arguments.source, arguments.object)
+    parser = argparse.ArgumentParser(
+        prog="python -m pipeline.evaluate", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("--source", required=True, choices=sorted(SOURCES), help="where the grasps come from")
+    parser.add_argument("--object", default="", help="the object that is picked first, a name in params.yaml")
+    arguments = parser.parse_args()
+    return run_stage(f"evaluate@{arguments.source}", lambda: evaluate(arguments.source, arguments.object))
 
 
 if __name__ == "__main__":

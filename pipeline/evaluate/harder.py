@@ -1,7 +1,8 @@
-"""`python -m pipeline.evaluate.harder --setting placement`: some pairs tried once more in a harder setting.
+"""Some pairs tried once more in harder settings: ``data/evaluate/harder/<setting>.parquet``.
 
 Grasps, seeds and order are those of the standard trials, so that every row compares with the standard trial of the
-same pair and number. Writes ``data/evaluate/harder/<setting>.parquet``.
+same pair and number. `python -m pipeline.evaluate.harder` brings all settings up to date, `--setting placement` runs
+one by hand.
 """
 
 from __future__ import annotations
@@ -9,72 +10,108 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from pipeline.evaluate.inputs import inputs_of_pairs
+from pipeline.compute.code import own_fingerprint
+from pipeline.compute.items import Stage, make_by_hand, make_items
+from pipeline.compute.outputs import Tables
+from pipeline.evaluate.inputs import inputs_of_pair, trial_digests
 from pipeline.records import paths
+from pipeline.records.digests import digest, hand_digest
+from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters, read_parameters
-from pipeline.records.parameters.harder import overridden
+from pipeline.records.parameters.hand import ALLEGRO
+from pipeline.records.parameters.harder import HarderSetting, overridden
 from pipeline.records.running import run_stage
+from pipeline.records.tables import TRIALS
 
 if TYPE_CHECKING:
     from pipeline.evaluate.trial import TrialInput
 
 
-def sections(setting: str) -> list[str]:
-    """Parameter sections that ``evaluate-harder@<setting>`` declares in ``dvc.yaml``."""
-    return ["seed", "physics", "evaluate", "harder.pairs", "harder.trials", f"harder.settings.{setting}"]
+def sections() -> list[str]:
+    """Return the sections of ``params.yaml`` that the stage depends on."""
+    return ["seed", "physics", "evaluate", "harder"]
+
+
+def changed(setting: HarderSetting, parameters: dict[str, Any]) -> dict[str, Any]:
+    """Return the parameters of the standard trials with a setting's changes.
+
+    Args:
+        parameters: the ``sections()``.
+    """
+    return {
+        "seed": parameters["seed"],
+        "evaluate": overridden(parameters["evaluate"], setting.evaluate),
+        "physics": overridden(parameters["physics"], setting.physics),
+    }
 
 
 def inputs_of_setting(name: str, parameters: dict[str, Any]) -> list[TrialInput]:
     """Return the inputs of all trials of one setting: the first ``harder.trials`` of the standard ones, changed.
 
-    Args:
-        parameters: the ``sections(name)``.
-
     Raises:
         UserError: a table of grasps or an object is missing or damaged.
     """
-    setting = parameters[f"harder.settings.{name}"]
-    replaced = {
-        "seed": parameters["seed"],
-        "evaluate": overridden(parameters["evaluate"], setting.evaluate),
-        "physics": overridden(parameters["physics"], setting.physics),
-    }
-    # Which grasp a trial tries depends on how many trials the standard has, so that all are made before some are left.
-    inputs = [
+    return [
         trial
-        for first, second in parameters["harder.pairs"]
-        for trial in inputs_of_pairs(setting.source, first, [second], replaced)
+        for pair in parameters["harder"].pairs
+        for trial in _inputs_of_pair(f"{name}/{'/'.join(pair)}", parameters)
     ]
-    return [trial for trial in inputs if trial.trial < parameters["harder.trials"]]
 
 
-def evaluate(name: str) -> None:
-    """Run all trials of one setting and write their table.
+def _inputs_of_pair(key: str, parameters: dict[str, Any]) -> list[TrialInput]:
+    name, first, second = key.split("/")
+    setting = parameters["harder"].settings[name]
+    # Which grasp a trial tries depends on how many trials the standard has: all are made before some are dropped.
+    inputs = inputs_of_pair(setting.source, first, second, changed(setting, parameters))
+    return inputs[: parameters["harder"].trials]
+
+
+def evaluate(only: str) -> None:
+    """Run the trials that are not up to date, or those of one setting by hand.
 
     Raises:
         UserError: an input is missing or damaged, or params.yaml does not name the setting.
     """
-    parameters = load_parameters(sections(name))
-    workers = read_parameters().compute
+    parameters = load_parameters(sections())
+    workers, harder = read_parameters().compute, parameters["harder"]
+    if only and only not in harder.settings:
+        raise UserError(
+            f"params.yaml: there is no setting {only!r} under `harder.settings`; add it there, or use one of "
+            f"{', '.join(sorted(harder.settings)) or 'none yet'}."
+        )
 
-    import pandas as pd
+    from pipeline.evaluate.trials import trials_of
 
-    from pipeline.compute.fan_out import fan_out
-    from pipeline.evaluate.trial import run_trial
-    from pipeline.records.tables import TRIALS, write_table
-
-    inputs = inputs_of_setting(name, parameters)
-    rows = pd.DataFrame(fan_out(run_trial, inputs, workers, f"trials of {name}"), columns=TRIALS.names)
-    write_table(paths.harder_file(name), rows, TRIALS)
-    print(f"{name}: {int(rows['success'].sum())} of {len(rows)} trials lifted both objects")
+    tables = Tables(paths.harder_file("").parent, TRIALS, ("object0", "object1", "trial"))
+    stage = Stage("evaluate-harder", "trials", tables)
+    keys = [(name, first, second) for name in ([only] if only else harder.settings) for first, second in harder.pairs]
+    with trials_of(tables, lambda pair: _inputs_of_pair(pair, parameters)) as begin:
+        if only:
+            make_by_hand(
+                stage, [f"{'/'.join(key)}/{number}" for key in keys for number in range(harder.trials)], begin, workers
+            )
+            return
+        common = digest(own_fingerprint("evaluate-harder"), hand_digest(ALLEGRO))
+        fingerprints = {}
+        for name, first, second in keys:
+            setting = harder.settings[name]
+            own = trial_digests(setting.source, first, second, changed(setting, parameters))[: harder.trials]
+            fingerprints |= {
+                f"{name}/{first}/{second}/{number}": digest(common, trial) for number, trial in enumerate(own)
+            }
+        make_items(stage, fingerprints, begin, workers)
 
 
 def main() -> int:
     """Parse the command line and run the stage."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.evaluate.harder", description=__doc__)
-    parser.add_argument("--setting", required=True, help="a name under harder.settings in params.yaml")
+    parser = argparse.ArgumentParser(
+        prog="python -m pipeline.evaluate.harder",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--setting", default="", help="a name under harder.settings in params.yaml")
     arguments = parser.parse_args()
-    return run_stage(f"evaluate-harder@{arguments.setting}", lambda: evaluate(arguments.setting))
+    return run_stage("evaluate-harder", lambda: evaluate(arguments.setting))
 
 
 if __name__ == "__main__":

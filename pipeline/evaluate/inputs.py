@@ -3,74 +3,135 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
+from pipeline.records.digests import digest, prepared_digest
+from pipeline.records.errors import UserError
+from pipeline.records.parameters import load_pairs
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    import pandas as pd
+
+    from pipeline.evaluate.grasps import TwoObjectGrasp
     from pipeline.evaluate.trial import TrialInput
+    from pipeline.records.objects import PreparedObject
 
-# Where the grasps of a source are, and the stage that makes them.
-GRASPS = {
-    "synthesized": (paths.merged_file, "merge"),
-    "learned": (paths.sampled_file, "sample"),
-    paths.RECONSTRUCTED: (paths.reconstructed_file, "sample-reconstructed"),
-}
+SOURCES = (*paths.SOURCES, paths.RECONSTRUCTED)
 
 
-def sections(source: str, object_name: str) -> list[str]:
-    """Parameter sections that ``evaluate-<source>@<object>`` declares in ``dvc.yaml``."""
-    pairs = f"reconstructed.{object_name}" if source == paths.RECONSTRUCTED else "styles"
-    return ["seed", pairs, "physics", "evaluate"]
+def sections(source: str) -> list[str]:
+    """Return the sections of ``params.yaml`` that ``evaluate@<source>`` depends on."""
+    pairs = ["reconstructed"] if source == paths.RECONSTRUCTED else ["styles", "pairs"]
+    return ["seed", *pairs, "physics", "evaluate"]
 
 
-def second_objects(source: str, first: str, parameters: dict[str, Any]) -> list[str]:
-    """Return the names of the objects that are picked after ``first``.
+def pairs_of(source: str, parameters: dict[str, Any], first: str = "") -> dict[str, tuple[str, ...]]:
+    """Return the pairs of a source: for each first object, or only for ``first``, the objects that are picked after it.
 
     Raises:
-        UserError: ``styles.pinch`` does not name the first object.
+        UserError: params.yaml does not name ``first`` for this source.
     """
-    if source == paths.RECONSTRUCTED:
-        return list(parameters[f"reconstructed.{first}"].side)
-    return list(parameters["styles"].after(first))
+    if source != paths.RECONSTRUCTED:
+        return load_pairs(first)
+    chosen = parameters["reconstructed"]
+    known = {name: tuple(item.side) for name, item in chosen.items()}
+    if first and first not in known:
+        raise UserError(f"params.yaml: there is no object {first!r} under `reconstructed`; add it there.")
+    return {first: known[first]} if first else known
 
 
-def inputs_of_pairs(source: str, first: str, seconds: Sequence[str], parameters: dict[str, Any]) -> list[TrialInput]:
-    """Return the inputs of all trials of ``first`` with each of ``seconds``.
+def grasps_of_pair(source: str, first: str, second: str, parameters: dict[str, Any]) -> list[TwoObjectGrasp]:
+    """Return the accepted grasps of a pair, in the frames of the true objects, the preferred first.
 
     Args:
-        parameters: the ``sections(source, first)``.
+        parameters: the ``sections(source)``.
 
     Raises:
-        UserError: a table of grasps or an object is missing or damaged.
+        UserError: their table is missing or damaged.
     """
     from pipeline.evaluate.grasps import accepted_grasps
     from pipeline.evaluate.reconstructed import in_true_frames, true_from_reconstructed
-    from pipeline.evaluate.scene import without_grid
-    from pipeline.evaluate.trial import trial_inputs
-    from pipeline.records.objects import load_prepared_object
+
+    table = _table(*_table_of(source, first))
+    grasps = accepted_grasps(table[table["object1"] == second])
+    if source != paths.RECONSTRUCTED:
+        return grasps
+    capture = parameters["reconstructed"][first].capture
+    T0, T1 = (true_from_reconstructed(capture, _object(name)) for name in (first, second))
+    return [in_true_frames(grasp, T0, T1) for grasp in grasps]
+
+
+def _table_of(source: str, first: str) -> tuple[Path, str]:
+    """Return the table with the grasps of a source, and the stage that makes it."""
+    if source == "synthesized":
+        return paths.merged_file(first), "merge"
+    return paths.sampled_file(source, first), f"sample@{source}"
+
+
+@lru_cache(maxsize=2)
+def _table(source: Path, made_by: str) -> pd.DataFrame:
     from pipeline.records.tables import MERGED, read_table
 
-    file_of, made_by = GRASPS[source]
-    grasps = {
-        second: accepted_grasps(read_table(file_of(first, second), MERGED, f"{made_by}@{first}")) for second in seconds
-    }
-    objects = {name: without_grid(load_prepared_object(name)) for name in dict.fromkeys([first, *seconds])}
-    if source == paths.RECONSTRUCTED:
-        capture = parameters[f"reconstructed.{first}"].capture
-        T = {name: true_from_reconstructed(capture, prepared) for name, prepared in objects.items()}
-        grasps = {
-            second: [in_true_frames(grasp, T[first], T[second]) for grasp in own] for second, own in grasps.items()
-        }
-    return [
-        trial
-        for second in seconds
-        for trial in trial_inputs(
-            source,
-            (objects[first], objects[second]),
-            grasps[second],
-            parameters["evaluate"],
-            parameters["physics"],
-            parameters["seed"],
-        )
-    ]
+    return read_table(source, MERGED, made_by)
+
+
+@lru_cache(maxsize=16)
+def _object(name: str) -> PreparedObject:
+    from pipeline.evaluate.scene import without_grid
+    from pipeline.records.objects import load_prepared_object
+
+    return without_grid(load_prepared_object(name))
+
+
+def objects_of_pair(first: str, second: str) -> tuple[PreparedObject, PreparedObject]:
+    """Return the objects of a pair as trials use them.
+
+    Raises:
+        UserError: one is missing or damaged.
+    """
+    return _object(first), _object(second)
+
+
+def inputs_of_pair(source: str, first: str, second: str, parameters: dict[str, Any]) -> list[TrialInput]:
+    """Return the inputs of all trials of a pair.
+
+    Raises:
+        UserError: its table of grasps or an object is missing or damaged.
+    """
+    from pipeline.evaluate.trial import trial_inputs
+
+    return trial_inputs(
+        source,
+        objects_of_pair(first, second),
+        grasps_of_pair(source, first, second, parameters),
+        parameters["evaluate"],
+        parameters["physics"],
+        parameters["seed"],
+    )
+
+
+def inputs_of_pairs(source: str, first: str, seconds: Sequence[str], parameters: dict[str, Any]) -> list[TrialInput]:
+    """Return the inputs of all trials of ``first`` with each of ``seconds``; see :func:`inputs_of_pair`."""
+    return [trial for second in seconds for trial in inputs_of_pair(source, first, second, parameters)]
+
+
+def trial_digests(source: str, first: str, second: str, parameters: dict[str, Any]) -> list[str]:
+    """Return the digest of all that each trial of a pair depends on besides the code, in their order.
+
+    Raises:
+        UserError: see :func:`inputs_of_pair`.
+    """
+    from pipeline.evaluate.trial import trial_inputs
+
+    digests = prepared_digest(first), prepared_digest(second)
+    grasps = grasps_of_pair(source, first, second, parameters)
+    settings, physics = parameters["evaluate"], parameters["physics"]
+    # Settings that decide which trials there are do not change those that there are anyway.
+    common = digest(source, digests, settings.model_copy(update={"trials": 0}), physics)
+    known = {grasp.merged_id: digest(grasp) for grasp in grasps}
+    trials = trial_inputs(source, objects_of_pair(first, second), grasps, settings, physics, parameters["seed"])
+    return [digest(common, trial.seed, [known[grasp.merged_id] for grasp in trial.grasps]) for trial in trials]

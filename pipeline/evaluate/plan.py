@@ -1,12 +1,13 @@
 """A proposed sequence for a robot's controller, with the hardware's limits checked; nothing here talks to hardware.
 
-`python -m pipeline.evaluate.plan --table data/merge/cube/soup_can.parquet` plans from the start posture to both objects
-held up, for one grasp of the table, and writes plan.json and plan.csv. With `--play` the very same way-points run in
-simulation: playback.json says what came of it, playback.png shows it. docs/plan.md explains the files.
+`python -m pipeline.evaluate.plan --table data/merge/cube.parquet --second soup_can` plans from the start posture to
+both objects held up, for one grasp of the pair, and writes plan.json and plan.csv. With `--play` the very same
+way-points run in simulation: playback.json says what came of it, playback.png shows it. docs/plan.md explains the
+files.
 Exit code: 0; 1 when the dry run did not hold both objects; 2 when there is no plan, and one sentence says why.
 
 With `--capture NAME` the objects are those that photos show, where they show them; the table is then of grasps of
-reconstructed objects, such as data/train_reconstructed/cube/soup_can.parquet.
+reconstructed objects, such as data/sample/reconstructed/cube.parquet.
 """
 
 from __future__ import annotations
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
     from pipeline.records.objects import PreparedObject
     from pipeline.records.parameters.evaluate import EvaluateParameters
 
+PREPARED = (paths.merged_file("x").parent, paths.sampled_file("learned", "x").parent)  # grasps of prepared objects
+PHOTOGRAPHED = paths.sampled_file(paths.RECONSTRUCTED, "x").parent  # grasps of objects as photos show them
 BASE_HEIGHT = 0.003  # m over an object's lowest point, within which it is taken to stand on the sponge
 
 
@@ -49,18 +52,20 @@ class Places:
     scene: list[float] | None = None  # its scene frame; None: in the middle of the sponge
 
 
-def plan(
-    source: Path,
-    merged_id: int | None,
-    places: Places,
-    output: Path,
-    dry_run: bool,
-) -> bool:
+@dataclass(frozen=True)
+class Choice:
+    """Which grasp is carried out."""
+
+    table: Path  # of two-object grasps
+    second: str | None = None  # object that is picked second; None: the only one of the table
+    merged_id: int | None = None  # None: the first accepted grasp of the pair
+
+
+def plan(choice: Choice, places: Places, output: Path, dry_run: bool) -> bool:
     """Plan one sequence, check it, write it, and return whether its dry run held both objects (True without one).
 
     Args:
-        source: table of two-object grasps.
-        merged_id: row of the table; the first accepted one when None.
+        choice: the grasp.
         places: where the objects stand.
         output: folder to write to.
         dry_run: also run the plan in simulation.
@@ -81,15 +86,15 @@ def plan(
     if output.is_file():
         raise UserError(f"{output} is a file; name a folder with --output.")
     check_writable(output)
-    _check_frames(source, places.capture)
-    grasp, names = _grasp(source, merged_id)
+    _check_frames(choice.table, places.capture)
+    grasp, names = _grasp(choice)
     table = _captured(names, places, settings) if places.capture else _placed(names, places, settings)
     rng = item_generator(parameters["seed"], "plan", *names, grasp.merged_id)
     waypoints = waypoints_of(propose(table, grasp, settings, rng), settings.control_frequency)
     checks = check_limits(waypoints, squeeze_torque(grasp, physics))
     for name in ("plan.csv", "playback.json", "playback.png"):  # of an earlier plan
         (output / name).unlink(missing_ok=True)
-    write_json(output / "plan.json", plan_record(table, grasp, str(source), waypoints, checks))
+    write_json(output / "plan.json", plan_record(table, grasp, str(choice.table), waypoints, checks))
     failed = [check for check in checks if not check.passed]
     if failed:
         more = f" ({len(failed) - 1} more, see {output / 'plan.json'})" if len(failed) > 1 else ""
@@ -122,45 +127,61 @@ def _check_frames(source: Path, capture: str | None) -> None:
     def inside(folder: Path) -> bool:
         return source.resolve().is_relative_to(folder.resolve())
 
-    if capture is None and inside(paths.reconstructed_folder("")):
+    if capture is None and inside(PHOTOGRAPHED):
         raise UserError(f"{source} holds grasps of objects as photos show them; name their capture with --capture.")
-    if capture is not None and (inside(paths.merged_folder("")) or inside(paths.sampled_folder(""))):
+    if capture is not None and any(map(inside, PREPARED)):
         raise UserError(
             f"{source} holds grasps of prepared objects, whose frames are not those of the capture {capture}; leave "
-            f"--capture out, or use a table of {paths.reconstructed_folder('')}."
+            f"--capture out, or use a table of {PHOTOGRAPHED}."
         )
 
 
-def _grasp(source: Path, merged_id: int | None) -> tuple[TwoObjectGrasp, tuple[str, str]]:
+def _grasp(choice: Choice) -> tuple[TwoObjectGrasp, tuple[str, str]]:
     """Return the chosen grasp of a table, and the names of its objects."""
     from pipeline.evaluate.grasps import grasp_from_row
     from pipeline.records.parameters import OBJECT_NAME
-    from pipeline.records.tables import MERGED, read_table
+    from pipeline.records.tables import MERGED, pair_rows, read_table
 
+    source = choice.table
     try:
         grasps = read_table(source, MERGED, "merge")
     except UserError as error:  # whose advice is for the stages' own files
         raise UserError(
-            f"{source} is missing or no table of two-object grasps; name one of {paths.merged_folder('')}, "
-            f"{paths.sampled_folder('')} or {paths.reconstructed_folder('')}, or of `python -m pipeline.train.sample`."
+            f"{source} is missing or no table of two-object grasps; name one of {', '.join(map(str, PREPARED))} or "
+            f"{PHOTOGRAPHED}, or of `python -m pipeline.train.sample`."
         ) from error
-    if merged_id is None:
-        own = grasps[grasps["rejected_by"] == ""].sort_values("merged_id", kind="stable")
-        if own.empty:
-            raise UserError(f"{source} holds no accepted grasp; use the table of another pair.")
-    else:
-        own = grasps[grasps["merged_id"] == merged_id]
-        if own.empty:
-            raise UserError(f"{source} has no grasp {merged_id}; its grasps are 0 to {len(grasps) - 1}.")
-        if own["rejected_by"].iloc[0]:
-            raise UserError(
-                f"grasp {merged_id} of {source} was refused ({own['rejected_by'].iloc[0]}); choose another."
-            )
-    row = {str(name): value for name, value in own.iloc[0].items()}
-    for name in (row["object0"], row["object1"]):
+    for name in dict.fromkeys([*grasps["object0"], *grasps["object1"]]):
         if not isinstance(name, str) or not OBJECT_NAME.fullmatch(name):  # names become folders
             raise UserError(f"{source} names an object {name!r}; names have small letters, digits and underscores.")
+    pair = pair_rows(grasps, _second(choice, list(dict.fromkeys(grasps["object1"]))))
+    if choice.merged_id is None:
+        own = pair[pair["rejected_by"] == ""].sort_values("merged_id", kind="stable")
+        if own.empty:
+            raise UserError(f"{source} holds no accepted grasp of this pair; choose another pair.")
+    else:
+        own = pair[pair["merged_id"] == choice.merged_id]
+        if own.empty:
+            raise UserError(
+                f"{source} has no grasp {choice.merged_id} of this pair; its grasps are 0 to {len(pair) - 1}."
+            )
+        if own["rejected_by"].iloc[0]:
+            raise UserError(
+                f"grasp {choice.merged_id} of {source} was refused ({own['rejected_by'].iloc[0]}); choose another."
+            )
+    row = {str(name): value for name, value in own.iloc[0].items()}
     return grasp_from_row(row), (row["object0"], row["object1"])
+
+
+def _second(choice: Choice, seconds: list[str]) -> str:
+    """Return the object that is picked second, one of those in the table."""
+    if choice.second in seconds:
+        return choice.second
+    if not seconds:
+        raise UserError(f"{choice.table} holds no grasp at all; use the table of another object.")
+    if choice.second is None and len(seconds) == 1:
+        return seconds[0]
+    asked = "holds several pairs" if choice.second is None else f"has no grasps that pick {choice.second} second"
+    raise UserError(f"{choice.table} {asked}; choose one of {', '.join(seconds)} with --second.")
 
 
 def _placed(names: tuple[str, str], places: Places, settings: EvaluateParameters) -> Table:
@@ -232,8 +253,9 @@ def main(arguments: list[str] | None = None) -> int:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--table", type=Path, required=True, help="grasps of a pair, as merge and sample write them")
-    parser.add_argument("--merged-id", type=int, help="row of the table (default: the first accepted one)")
+    parser.add_argument("--table", type=Path, required=True, help="grasps, as merge and sample write them")
+    parser.add_argument("--second", metavar="OBJECT", help="picked second; needed where the table has several pairs")
+    parser.add_argument("--merged-id", type=int, help="grasp of the pair (default: the first accepted one)")
     for index in (0, 1):
         parser.add_argument(
             f"--place{index}",
@@ -257,7 +279,8 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error("give --place0 and --place1, or --capture and --scene")
     places = Places((chosen.place0, chosen.place1), chosen.capture, chosen.scene)
     try:
-        held = plan(chosen.table, chosen.merged_id, places, chosen.output, chosen.play)
+        choice = Choice(chosen.table, chosen.second, chosen.merged_id)
+        held = plan(choice, places, chosen.output, chosen.play)
     except UserError as error:
         print(f"plan: {error}", file=sys.stderr)
         return 2

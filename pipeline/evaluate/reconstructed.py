@@ -48,7 +48,7 @@ def true_from_reconstructed(capture: str, prepared: PreparedObject) -> NDArray[n
     reconstructed = load_reconstructed_object(capture, prepared.name)
     truth = read_truth(paths.capture_folder(capture))
     source = truth.surfaces.get(prepared.name) if truth else None
-    mend = f"run `dvc repro capture@{capture}`"
+    mend = "run `dvc repro capture`"
     if source is None:
         raise UserError(f"{paths.capture_folder(capture)}/gt does not hold {prepared.name}.ply; {mend}.")
     T_scene_true = pose_of_same_mesh(prepared.vertices, read_vertices(source, mend))

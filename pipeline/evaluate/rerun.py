@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from pipeline.evaluate.execution import Run
-from pipeline.evaluate.inputs import GRASPS, inputs_of_pairs, second_objects, sections
+from pipeline.evaluate.inputs import SOURCES, inputs_of_pair, pairs_of, sections
 from pipeline.evaluate.scene import placement_offsets
 from pipeline.evaluate.trial import TrialInput, run_trial
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters
 from pipeline.records.seeds import item_generator
-from pipeline.records.tables import TRIALS, read_table
+from pipeline.records.tables import TRIALS, pair_rows, read_table
 
 EXAMPLE = "synthesized/cube/soup_can/3"
 
@@ -42,7 +42,7 @@ class TrialName:
     @property
     def stage(self) -> str:
         """The DVC stage that writes it."""
-        return f"evaluate-{self.source}@{self.first}"
+        return f"evaluate@{self.source}"
 
 
 def trial_name(text: str) -> TrialName:
@@ -56,8 +56,8 @@ def trial_name(text: str) -> TrialName:
         raise UserError(
             f"{text!r} names no trial; write source, both objects and the trial's number, such as {EXAMPLE}."
         )
-    if parts[0] not in GRASPS:
-        raise UserError(f"{text!r}: there is no source {parts[0]!r}; use one of {', '.join(sorted(GRASPS))}.")
+    if parts[0] not in SOURCES:
+        raise UserError(f"{text!r}: there is no source {parts[0]!r}; use one of {', '.join(sorted(SOURCES))}.")
     return TrialName(parts[0], parts[1], parts[2], int(parts[3]))
 
 
@@ -68,7 +68,7 @@ def recorded_row(name: TrialName) -> dict[str, Any]:
         UserError: the table is missing or damaged, or has no such row.
     """
     rows = read_table(name.table, TRIALS, name.stage)
-    pair = rows[(rows["object0"] == name.first) & (rows["object1"] == name.second)]
+    pair = pair_rows(rows, name.second)
     if pair.empty:
         known = ", ".join(dict.fromkeys(rows["object1"]))
         raise UserError(
@@ -87,11 +87,11 @@ def input_of_trial(name: TrialName, recorded: Mapping[str, Any]) -> TrialInput:
     Raises:
         UserError: an input is missing, or is seen to be another than that of the row.
     """
-    parameters = load_parameters(sections(name.source, name.first))
-    if name.second not in second_objects(name.source, name.first, parameters):
+    parameters = load_parameters(sections(name.source))
+    if name.second not in pairs_of(name.source, parameters).get(name.first, ()):
         raise UserError(f"params.yaml does not name the pair {name.first} and {name.second} any more; add it again.")
     again = f"undo the change, or run `dvc repro {name.stage}` for a new table"
-    inputs = inputs_of_pairs(name.source, name.first, [name.second], parameters)
+    inputs = inputs_of_pair(name.source, name.first, name.second, parameters)
     if name.number >= len(inputs):
         raise UserError(
             f"{name.table} has trial {name.number}, but evaluate.trials in params.yaml is {len(inputs)} now; {again}."
@@ -110,10 +110,9 @@ def input_of_trial(name: TrialName, recorded: Mapping[str, Any]) -> TrialInput:
         )
     tried = [grasp.merged_id for grasp in own.grasps]
     if recorded["merged_id"] >= 0 and recorded["merged_id"] not in tried:
-        grasps = GRASPS[name.source][0](name.first, name.second)
         raise UserError(
-            f"{grasps} or evaluate.planning_attempts has changed since {name.table} was made: the trial used grasp "
-            f"{recorded['merged_id']} and would now try {', '.join(map(str, tried)) or 'none'}; {again}."
+            f"the grasps of the pair or evaluate.planning_attempts have changed since {name.table} was made: the trial "
+            f"used grasp {recorded['merged_id']} and would now try {', '.join(map(str, tried)) or 'none'}; {again}."
         )
     return own
 
@@ -162,9 +161,9 @@ def known_trials() -> list[TrialName]:
         UserError: there are none, or a table is damaged.
     """
     found = []
-    for source in GRASPS:
+    for source in SOURCES:
         for file in sorted(paths.trials_file(source, "x").parent.glob("*.parquet")):
-            rows = read_table(file, TRIALS, f"evaluate-{source}@{file.stem}")
+            rows = read_table(file, TRIALS, f"evaluate@{source}")
             found += [
                 TrialName(source, first, second, int(number))
                 for first, second, number in zip(rows["object0"], rows["object1"], rows["trial"], strict=True)

@@ -6,11 +6,12 @@ The result depends on the inputs alone: every trial has its own physics scene an
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pipeline.compute.shared import Shared
 from pipeline.evaluate.execution import Ended, Run
 from pipeline.evaluate.grasps import SequenceGrasp, TwoObjectGrasp, grasp_orders
 from pipeline.evaluate.moves import Pick, plan_pick
@@ -129,6 +130,11 @@ def run_trial(inputs: TrialInput, watch: Callable[[Run], None] | None = None) ->
         "planning_attempts": attempts,
         **run.outcome(reason),
     }
+
+
+def run_trial_with(shared: Shared[tuple[PreparedObject, PreparedObject]], inputs: TrialInput) -> dict[str, Any]:
+    """Run a trial whose ``objects`` are shared by all trials of its pair."""
+    return run_trial(replace(inputs, objects=shared.value))
 
 
 def trial_inputs(

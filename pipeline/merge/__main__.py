@@ -1,75 +1,120 @@
-"""`python -m pipeline.merge --object cube`: two-object grasps of all pairs that begin with this object.
+"""Two-object grasps of all pairs: ``data/merge/<first object>.parquet``.
 
-Writes one table per second object into ``data/merge/<object>``.
+`python -m pipeline.merge` brings all pairs up to date, `--object cube` merges those that begin with one object by hand.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, Any
 
+from pipeline.compute.code import own_fingerprint
+from pipeline.compute.items import Keep, Stage, make_by_hand, make_items
+from pipeline.compute.outputs import Tables
 from pipeline.records import paths
-from pipeline.records.parameters import load_parameters, read_parameters
+from pipeline.records.digests import digest, file_digest, hand_digest, prepared_digest
+from pipeline.records.objects import load_prepared_object
+from pipeline.records.parameters import load_pairs, load_parameters, read_parameters
+from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.running import run_stage
+from pipeline.records.seeds import item_generator
+from pipeline.records.tables import MERGED, VALIDATED, read_table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from pipeline.compute.pool import Work
+    from pipeline.pairing.grasps import SingleGrasp
+
+# Second objects whose pairs with one first object are searched side by side: a worker holds that many.
+SIDE_BY_SIDE = 8
 
 
 def sections() -> list[str]:
-    """Sections of ``params.yaml`` that this stage depends on."""
-    return ["seed", "styles", "merge", "physics", "validate"]
+    """Return the sections of ``params.yaml`` that the stage depends on."""
+    return ["seed", "styles", "pairs", "merge", "physics", "validate"]
 
 
-def merge(first: str) -> None:
-    """Merge all pairs that begin with ``first`` and write their folder, whole or not at all.
+def merge(only: str) -> None:
+    """Merge the pairs that are not up to date, or those that begin with one object by hand.
 
     Raises:
         UserError: an input is missing or damaged, or ``styles.pinch`` does not name the object.
     """
     parameters = load_parameters(sections())
     workers = read_parameters().compute
-    seed, second_objects = parameters["seed"], parameters["styles"].after(first)
-
-    from pipeline.merge.pairs import merge_pairs, ready_firsts, summary
+    partners, seed = load_pairs(only), parameters["seed"]
+    pairs = [(first, second) for first, seconds in partners.items() for second in seconds]
+    digests = {f"{first}/{second}": digest(_digest("pinch", first), _digest("side", second)) for first, second in pairs}
+    from pipeline.merge.pairs import merging, summary
     from pipeline.pairing.combination import Pair
-    from pipeline.pairing.grasps import SingleGrasp, distinct_grasps, validated_grasps
+    from pipeline.pairing.grasps import distinct_grasps, validated_grasps
     from pipeline.pairing.readiness import settling_physics
-    from pipeline.records.objects import load_prepared_object
-    from pipeline.records.seeds import item_generator
-    from pipeline.records.tables import MERGED, VALIDATED, read_table, write_table
-    from pipeline.records.writing import whole_folder
 
     settings, checks = parameters["merge"], [parameters[name] for name in ("merge", "physics", "validate")]
+    tables = Tables(paths.merged_file("").parent, MERGED, ("object1",))
+    stage = Stage("merge", "pairs", tables)
 
+    @lru_cache(maxsize=2 * SIDE_BY_SIDE)
     def grasps(style: str, name: str) -> list[SingleGrasp]:
-        table = read_table(paths.validated_file(style, name), VALIDATED, f"validate-{style}@{name}")
+        table = read_table(paths.validated_file(style, name), VALIDATED, f"validate@{style}")
         return distinct_grasps(validated_grasps(table), settings.distinct_distance)
 
-    firsts, seconds = grasps("pinch", first), {name: grasps("side", name) for name in second_objects}
-    objects = {name: load_prepared_object(name) for name in dict.fromkeys([first, *second_objects])}
-    pairs = {name: Pair(objects[first], objects[name], *checks) for name in seconds}
-    generators = {name: item_generator(seed, "merge", first, name) for name in second_objects}
-    ready = ready_firsts(objects[first], settling_physics(*checks), firsts, workers)
-    tables = merge_pairs(pairs, ready, seconds, generators, workers)
-    for second, table in tables.items():
-        print(f"{first} then {second}: {summary(table)}")
-        accepted = int((table["rejected_by"] == "").sum())
-        if accepted < settings.grasps_per_pair:
-            print(
-                f"warning: {accepted} of {settings.grasps_per_pair} two-object grasps of {first} then {second}; "
-                f"there were {len(firsts)} pinch and {len(seconds[second])} side grasps to combine.",
-                file=sys.stderr,
-            )
-    # Nothing is computed inside: an error in there is explained as one of writing.
-    with whole_folder(paths.merged_folder(first)) as folder:
-        for second, table in tables.items():
-            write_table(folder / paths.merged_file(first, second).name, table, MERGED)
+    def work(first: str, seconds: Sequence[str], keep: Keep) -> Work[None]:
+        objects = {name: load_prepared_object(name) for name in dict.fromkeys([first, *seconds])}
+
+        def finish(second: str, table: pd.DataFrame) -> None:
+            keep(f"{first}/{second}", tables.rows(table))
+            print(f"{first} then {second}: {summary(table)}")
+            accepted = int((table["rejected_by"] == "").sum())
+            if accepted < settings.grasps_per_pair:
+                print(
+                    f"warning: {accepted} of {settings.grasps_per_pair} two-object grasps of {first} then {second}; "
+                    f"there were {len(grasps('pinch', first))} pinch and {len(grasps('side', second))} side grasps "
+                    "to combine.",
+                    file=sys.stderr,
+                )
+
+        yield from merging(
+            {name: Pair(objects[first], objects[name], *checks) for name in seconds},
+            settling_physics(*checks),
+            grasps("pinch", first),
+            {name: grasps("side", name) for name in seconds},
+            {name: item_generator(seed, "merge", first, name) for name in seconds},
+            finish,
+        )
+
+    def begin(keys: Sequence[str], keep: Keep) -> list[tuple[str, Any]]:
+        works = []
+        for first, seconds in partners.items():
+            own = [second for second in seconds if f"{first}/{second}" in keys]
+            for place in range(0, len(own), SIDE_BY_SIDE):
+                works.append((first, partial(work, first, own[place : place + SIDE_BY_SIDE], keep)))
+        return works
+
+    if only:
+        make_by_hand(stage, list(digests), begin, workers)
+        return
+    del parameters["styles"], parameters["pairs"]
+    common = digest(own_fingerprint("merge"), parameters, hand_digest(ALLEGRO))
+    make_items(stage, {key: digest(common, key, own) for key, own in digests.items()}, begin, workers)
+
+
+def _digest(style: str, name: str) -> str:
+    return digest(prepared_digest(name), file_digest(paths.validated_file(style, name), f"validate@{style}"))
 
 
 def main() -> int:
     """Run the command."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.merge", description=__doc__)
-    parser.add_argument("--object", required=True, help="the object that is picked first, a name in params.yaml")
+    parser = argparse.ArgumentParser(
+        prog="python -m pipeline.merge", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--object", default="", help="the object that is picked first, a name in params.yaml")
     arguments = parser.parse_args()
-    return run_stage(f"merge@{arguments.object}", lambda: merge(arguments.object))
+    return run_stage("merge", lambda: merge(arguments.object))
 
 
 if __name__ == "__main__":

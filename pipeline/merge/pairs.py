@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.compute.fan_out import Workers, fan_out
+from pipeline.compute.pool import Calls, Work
 from pipeline.compute.shared import Shared
 from pipeline.merge.draws import Combination, next_combinations, random_order
 from pipeline.pairing.combination import Pair, try_combination
@@ -23,15 +23,8 @@ from pipeline.records.tables import MERGED
 
 CHUNK = 24  # most combinations of a pair tried at once; not the number of workers, on which results must not depend
 STORE = 20  # combinations in store for each that may be tried: those whose grasps are used up are passed over
+SETTLING_SHARE = 0.1  # of the work on a first object, roughly: settling its grasps; for the progress bar
 SPARE = 4  # combinations tried at once beyond those still wanted: some will be rejected
-
-
-def ready_firsts(
-    object0: PreparedObject, physics: PhysicsParameters | None, grasps: Sequence[SingleGrasp], workers: Workers
-) -> list[ReadyFirst]:
-    """Return every pinch grasp with what can be said of it alone; see :func:`ready_first`."""
-    with Shared((object0, physics)) as shared:
-        return fan_out(partial(_ready, shared), grasps, workers, f"settle {object0.name}")
 
 
 def _ready(shared: Shared[tuple[PreparedObject, PhysicsParameters | None]], grasp: SingleGrasp) -> ReadyFirst:
@@ -71,37 +64,49 @@ class _Inputs:
     seconds: Mapping[str, Sequence[SingleGrasp]]
 
 
-def merge_pairs(
+def merging(
     pairs: Mapping[str, Pair],
-    firsts: Sequence[ReadyFirst],
+    physics: PhysicsParameters | None,
+    grasps: Sequence[SingleGrasp],
     seconds: Mapping[str, Sequence[SingleGrasp]],
     generators: Mapping[str, np.random.Generator],
-    workers: Workers,
-) -> dict[str, pd.DataFrame]:
-    """Return the tables ``MERGED`` of pairs: every tried combination with its fate, in the order of trial.
+    keep: Callable[[str, pd.DataFrame], None],
+) -> Work[None]:
+    """Give ``keep`` the table ``MERGED`` of every pair: each tried combination with its outcome, in the order of trial.
 
     Trying ends, pair by pair, with ``grasps_per_pair`` accepted rows, with ``most_combinations`` rows, or when nothing
-    is left that would not use a single grasp more than ``most_per_grasp`` times. The pairs go side by side, so that no
-    worker waits for the last combination of each.
+    is left that would not use a single grasp more than ``most_per_grasp`` times. The pairs go side by side.
 
     Args:
-        pairs: by the name of the second object, as ``seconds`` and ``generators``.
-        firsts, seconds: distinct validated grasps of the objects.
+        pairs: with the same first object; by the name of the second object, as ``seconds`` and ``generators``.
+        physics: in which the grasps of the first object settle, see :func:`ready_first`.
+        grasps, seconds: distinct validated grasps of the first object and of the second ones.
     """
+    object0 = next(iter(pairs.values())).object0
+    with Shared((object0, physics)) as settling:
+        firsts = yield Calls(partial(_ready, settling), grasps, 0.0, SETTLING_SHARE)
     searches = {}
     for name, pair in pairs.items():
         store = STORE * pair.merge.most_combinations
         order = random_order((len(firsts), len(seconds[name])), generators[name], store)
         searches[name] = _Search(pair.merge, order, [], [])
+    wanted = sum(pair.merge.grasps_per_pair for pair in pairs.values())
+    done = SETTLING_SHARE
     with Shared(_Inputs(pairs, firsts, seconds)) as shared:
-        while tasks := [(name, taken) for name, search in searches.items() for taken in search.take()]:
-            accepted = sum(len(search.accepted) for search in searches.values())
-            wanted = sum(pair.merge.grasps_per_pair for pair in pairs.values())
-            label = f"{next(iter(pairs.values())).object0.name}: {accepted} of {wanted}"
-            rows = fan_out(partial(_try, shared), tasks, workers, label)
-            for (name, combination), row in zip(tasks, rows, strict=True):
+        while searches:
+            tasks = {name: search.take() for name, search in searches.items()}
+            for name in [name for name, taken in tasks.items() if not taken]:
+                keep(name, pd.DataFrame(searches.pop(name).rows, columns=MERGED.names, dtype=object))
+            both = [(name, combination) for name, taken in tasks.items() for combination in taken]
+            if not both:
+                continue
+            share = (1 - done) * min(1.0, len(both) / max(wanted, 1))
+            rows = yield Calls(partial(_try, shared), both, done, done + share)
+            done += share
+            for (name, combination), row in zip(both, rows, strict=True):
+                accepted = len(searches[name].accepted)
                 searches[name].record(combination, row)
-    return {name: pd.DataFrame(search.rows, columns=MERGED.names, dtype=object) for name, search in searches.items()}
+                wanted -= len(searches[name].accepted) - accepted
 
 
 def _try(shared: Shared[_Inputs], task: tuple[str, Combination]) -> dict[str, Any]:

@@ -1,35 +1,83 @@
-"""`python -m pipeline.prepare --object cube` or `--mesh mug`: make ``data/prepare/<object>/``."""
+"""Prepare objects, of the packages or of the user's own meshes: ``data/prepare/<object>/``.
+
+`python -m pipeline.prepare` brings all objects of params.yaml up to date, `--object cube` prepares one by hand.
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from pipeline.compute.code import own_fingerprint
+from pipeline.compute.items import Keep, Stage, make_by_hand, make_items
+from pipeline.compute.outputs import Folders, files_in
+from pipeline.compute.pool import Calls, Work
 from pipeline.records import paths
-from pipeline.records.objects import write_prepared_object
-from pipeline.records.parameters import load_parameters
+from pipeline.records.digests import digest, file_digest
+from pipeline.records.errors import UserError
+from pipeline.records.parameters import load_parameters, read_parameters
+from pipeline.records.parameters.objects import MeshParameters, ObjectParameters
 from pipeline.records.running import run_stage
-from pipeline.records.writing import check_writable
+
+if TYPE_CHECKING:
+    from pipeline.prepare.sources import RawMesh
+    from pipeline.records.parameters.prepare import PrepareParameters
+
+Shape = ObjectParameters | MeshParameters
+STAGE = Stage("prepare", "objects", Folders(paths.prepared_folder("").parent / "prepare"))
 
 
-def sections(object_name: str = "", mesh: str = "") -> list[str]:
-    """Parameter sections that ``prepare@<object>`` and ``prepare-mesh@<mesh>`` declare in ``dvc.yaml``."""
-    return ["prepare", f"meshes.{mesh}" if mesh else f"objects.{object_name}"]
+def sections() -> list[str]:
+    """Return the sections of ``params.yaml`` that the stage depends on."""
+    return ["prepare", "objects", "meshes"]
 
 
-def prepare(object_name: str, mesh: str) -> None:
-    """Prepare one object, of the packages or of the user's own meshes, and write its folder."""
-    settings, shape = load_parameters(sections(object_name, mesh)).values()
-    from pipeline.prepare.portrait import portrait
-    from pipeline.prepare.preparation import prepare_object
+def prepare(only: str) -> None:
+    """Prepare the objects of params.yaml that are not up to date, or one by hand."""
+    parameters = load_parameters(sections())
+    shapes: dict[str, Shape] = {**parameters["objects"], **parameters["meshes"]}
+    if only and only not in shapes:
+        raise UserError(
+            f"params.yaml: there is no object {only!r}; add it under objects or meshes, or use one of "
+            f"{', '.join(shapes)}."
+        )
     from pipeline.prepare.sources import check_source
 
-    name = mesh or object_name
-    check_source(shape, name)
-    check_writable(paths.prepared_folder(name))
-    prepared = prepare_object(name, shape, settings)
-    write_prepared_object(paths.prepared_folder(name), prepared, portrait(prepared))
-    facts = prepared.provenance
+    for name in [only] if only else shapes:
+        check_source(shapes[name], name)
+    begin = partial(_begin, shapes, parameters["prepare"])
+    workers = read_parameters().compute
+    if only:
+        make_by_hand(STAGE, [only], begin, workers)
+        return
+    code = own_fingerprint("prepare")
+    fingerprints = {
+        name: digest(code, name, parameters["prepare"], shape, _digest_of_file(shape)) for name, shape in shapes.items()
+    }
+    make_items(STAGE, fingerprints, begin, workers)
+
+
+def _digest_of_file(shape: Shape) -> str:
+    return file_digest(Path(shape.file), "prepare") if isinstance(shape, MeshParameters) else ""
+
+
+def _begin(
+    shapes: dict[str, Shape], settings: PrepareParameters, names: Sequence[str], keep: Keep
+) -> list[tuple[str, Callable[[], Work[None]]]]:
+    return [(name, partial(_work, name, shapes[name], settings, keep)) for name in names]
+
+
+def _work(name: str, shape: Shape, settings: PrepareParameters, keep: Keep) -> Work[None]:
+    from pipeline.prepare.sources import raw_mesh
+
+    # The user's own files are read here: a worker may be on a machine that does not have them.
+    raw = raw_mesh(shape, name) if isinstance(shape, MeshParameters) else None
+    ((files, facts),) = yield Calls(_prepared, [(name, shape, settings, raw)])
+    keep(name, files)
     for repair in facts["repairs"]:
         print(f"{name}: {repair}")
     if "guessed_unit" in facts:
@@ -41,15 +89,30 @@ def prepare(object_name: str, mesh: str) -> None:
         )
 
 
+def _prepared(
+    task: tuple[str, Shape, PrepareParameters, RawMesh | None],
+) -> tuple[dict[str, bytes], dict[str, Any]]:
+    """Return the files of a prepared object by name, and its provenance."""
+    from tempfile import TemporaryDirectory
+
+    from pipeline.prepare.portrait import portrait
+    from pipeline.prepare.preparation import prepare_object
+    from pipeline.records.objects import write_prepared_object
+
+    prepared = prepare_object(*task)
+    with TemporaryDirectory() as folder:
+        write_prepared_object(Path(folder) / prepared.name, prepared, portrait(prepared))
+        return files_in(Path(folder) / prepared.name), prepared.provenance
+
+
 def main() -> int:
     """Parse the command line and run the stage."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.prepare", description=__doc__)
-    source = parser.add_mutually_exclusive_group(required=True)
-    source.add_argument("--object", default="", help="name under `objects` in params.yaml")
-    source.add_argument("--mesh", default="", help="name under `meshes` in params.yaml")
+    parser = argparse.ArgumentParser(
+        prog="python -m pipeline.prepare", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--object", default="", help="a name under objects or meshes in params.yaml")
     chosen = parser.parse_args()
-    stage = f"prepare-mesh@{chosen.mesh}" if chosen.mesh else f"prepare@{chosen.object}"
-    return run_stage(stage, lambda: prepare(chosen.object, chosen.mesh))
+    return run_stage("prepare", lambda: prepare(chosen.object))
 
 
 if __name__ == "__main__":

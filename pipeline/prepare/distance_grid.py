@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compute.progress import watched
 
 CHUNK = 1 << 17  # points per query; keeps memory low
 
@@ -40,8 +39,7 @@ def signed_distances(
     """
     scene = ray_scene(vertices, faces)
     parts = []
-    begins = range(0, len(points), CHUNK)
-    for begin in watched(begins, len(begins), "signed distances"):
+    for begin in range(0, len(points), CHUNK):
         query = points[begin : begin + CHUNK].astype(np.float32)
         parts.append(scene.compute_signed_distance(query, nthreads=1, nsamples=3).numpy())
     return np.concatenate(parts) if parts else np.zeros(0, np.float32)

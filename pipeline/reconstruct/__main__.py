@@ -1,47 +1,100 @@
-"""`python -m pipeline.reconstruct --capture demo`: make ``data/reconstruct/<capture>/`` from its photos."""
+"""Reconstruct objects from photos: ``data/reconstruct/<capture>/``.
+
+`python -m pipeline.reconstruct` brings all captures of params.yaml up to date, `--capture demo` reconstructs one by
+hand.
+"""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from pipeline.compute.code import own_fingerprint
+from pipeline.compute.items import Keep, Stage, make_by_hand, make_items
+from pipeline.compute.outputs import Folders, files_in
 from pipeline.records import paths
 from pipeline.records.captures import read_capture, read_truth
+from pipeline.records.digests import digest, folder_digest
+from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.running import run_stage
-from pipeline.records.writing import check_writable
+
+if TYPE_CHECKING:
+    from pipeline.compute.fan_out import Workers
+    from pipeline.compute.pool import Work
+    from pipeline.records.parameters.reconstruct import ReconstructParameters
+
+STAGE = Stage("reconstruct", "captures", Folders(paths.reconstruction_folder("")))
 
 
-def sections(capture: str) -> list[str]:
-    """Parameter sections that ``reconstruct@<capture>`` declares in ``dvc.yaml``."""
-    return ["seed", f"captures.{capture}", "reconstruct"]
+def sections() -> list[str]:
+    """Return the sections of ``params.yaml`` that the stage depends on."""
+    return ["seed", "captures", "reconstruct"]
 
 
-def run(name: str) -> None:
-    """Reconstruct one capture and write its folder."""
-    seed, source, settings = load_parameters(sections(name)).values()
-    folder = Path(source.folder)
-    capture, truth = read_capture(folder), read_truth(folder)
+def reconstruct(only: str) -> None:
+    """Reconstruct the captures that are not up to date, or one by hand.
+
+    Raises:
+        UserError: a capture is missing or damaged, or its photos cannot be reconstructed.
+    """
+    parameters = load_parameters(sections())
+    workers, seed, settings = read_parameters().compute, parameters["seed"], parameters["reconstruct"]
+    folders = {name: Path(item.folder) for name, item in parameters["captures"].items()}
+    if only and only not in folders:
+        raise UserError(
+            f"params.yaml: there is no capture {only!r} under `captures`; add it there, or use one of "
+            f"{', '.join(sorted(folders)) or 'none yet'}."
+        )
+    names = [only] if only else list(folders)
+    for name in names:  # what is wrong with a folder is said before the long work on others
+        read_capture(folders[name])
+
+    def work(name: str, keep: Keep) -> Work[None]:
+        keep(name, _files(folders[name], settings, seed, workers))
+        yield from ()
+
+    def begin(keys: Sequence[str], keep: Keep) -> list[tuple[str, Any]]:
+        return [(name, partial(work, name, keep)) for name in keys]
+
+    if only:
+        make_by_hand(STAGE, names, begin, workers)
+        return
+    common = digest(own_fingerprint("reconstruct"), seed, settings)
+    fingerprints = {name: digest(common, folder_digest(folders[name], "capture")) for name in names}
+    make_items(STAGE, fingerprints, begin, workers)
+
+
+def _files(folder: Path, settings: ReconstructParameters, seed: int, workers: Workers) -> dict[str, bytes]:
+    """Return the files of a reconstruction by relative path."""
+    from tempfile import TemporaryDirectory
+
     from pipeline.reconstruct.picture import pictures_of
     from pipeline.reconstruct.reconstruction import cameras_of, metrics_of, reconstruct, true_surfaces
     from pipeline.records.reconstructions import write_reconstruction
 
-    # What would be told at the end is told before the long work.
-    check_writable(paths.reconstruction_folder(name))
-    true_surfaces(truth)
-    result = reconstruct(capture, settings, seed, read_parameters().compute)
+    capture, truth = read_capture(folder), read_truth(folder)
+    true_surfaces(truth)  # a damaged one is refused before the long work
+    result = reconstruct(capture, settings, seed, workers)
     metrics = metrics_of(result, settings.method, truth)
     pictures = pictures_of(capture, result.sparse.views, result.views, result.dense)
-    cameras = cameras_of(result.views)
-    write_reconstruction(paths.reconstruction_folder(name), result.objects, cameras, metrics, pictures)
+    with TemporaryDirectory() as temporary:
+        target = Path(temporary) / "reconstruction"
+        write_reconstruction(target, result.objects, cameras_of(result.views), metrics, pictures)
+        return files_in(target)
 
 
 def main() -> int:
     """Parse the command line and run the stage."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.reconstruct", description=__doc__)
-    parser.add_argument("--capture", required=True, help="name under `captures` in params.yaml")
+    parser = argparse.ArgumentParser(
+        prog="python -m pipeline.reconstruct", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--capture", default="", help="name under `captures` in params.yaml")
     chosen = parser.parse_args()
-    return run_stage(f"reconstruct@{chosen.capture}", lambda: run(chosen.capture))
+    return run_stage("reconstruct", lambda: reconstruct(chosen.capture))
 
 
 if __name__ == "__main__":

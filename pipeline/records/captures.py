@@ -295,7 +295,7 @@ def read_capture(folder: Path) -> Capture:
     if not folder.is_dir():
         mend = "put photos there as docs/capture.md says"
         if folder == paths.capture_folder(folder.name):
-            mend = f"run `dvc repro capture@{folder.name}`"
+            mend = "run `dvc repro capture`"
         raise UserError(f"the capture folder {folder} is missing; {mend}.")
     images = _images(folder)
     _check_beside(folder, images)

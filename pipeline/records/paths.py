@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 PARAMETERS_FILE = Path("params.yaml")
+RAW_FOLDER = Path("data/raw")  # what the user brings: meshes and photos
 MODEL_FOLDER = Path("models/train")
 TRAINING_STATE = Path("models/unfinished.pt")
 REPORT_PAGE = Path("reports/index.html")
@@ -47,8 +48,8 @@ def merged_file(first: str) -> Path:
 def sampled_file(source: str, first: str) -> Path:
     """Table of the model's two-object grasps of all pairs that begin with ``first``, like :func:`merged_file`.
 
-    ``source`` says what the model saw of the objects: ``learned`` (their surface), or ``reconstructed`` (what photos show
-    of them; the frames are those of the reconstruction).
+    ``source`` says what the model saw of the objects: ``learned`` (their surface), or ``reconstructed`` (what photos
+    show of them; the frames are those of the reconstruction).
     """
     return Path("data/sample") / source / f"{first}.parquet"
 
@@ -76,3 +77,8 @@ def capture_folder(name: str) -> Path:
 def reconstruction_folder(name: str) -> Path:
     """Folder of what was reconstructed from one capture."""
     return Path("data/reconstruct") / name
+
+
+def items_file(stage: str) -> Path:
+    """Fingerprints of the items that a stage's output holds, by key."""
+    return Path("data/items") / f"{stage.replace('@', '-')}.json"

@@ -97,7 +97,7 @@ def load_reconstructed_object(capture: str, name: str) -> ReconstructedObject:
         UserError: it is missing or damaged.
     """
     folder = paths.reconstruction_folder(capture) / "objects" / name
-    mend = f"run `dvc repro reconstruct@{capture}`"
+    mend = "run `dvc repro reconstruct`"
     try:
         facts = parse_json((folder / "object.json").read_text())
         mesh = read_geometry_file(folder / "mesh.ply")
@@ -125,7 +125,7 @@ def load_reconstruction_metrics(capture: str) -> dict[str, Any]:
         UserError: it is missing or damaged.
     """
     source = paths.reconstruction_folder(capture) / "metrics.json"
-    return read_json(source, f"run `dvc repro reconstruct@{capture}`")
+    return read_json(source, "run `dvc repro reconstruct`")
 
 
 def load_reconstruction_pictures(capture: str) -> dict[str, tuple[bytes, bytes]]:
@@ -134,7 +134,7 @@ def load_reconstruction_pictures(capture: str) -> dict[str, tuple[bytes, bytes]]
     Raises:
         UserError: there are none, or one of a pair is missing.
     """
-    folder, mend = paths.reconstruction_folder(capture) / "pictures", f"run `dvc repro reconstruct@{capture}`"
+    folder, mend = paths.reconstruction_folder(capture) / "pictures", "run `dvc repro reconstruct`"
     found = {}
     for surfaces in sorted(folder.glob(f"*{SURFACES}")):
         name = surfaces.name.removesuffix(SURFACES)

@@ -39,7 +39,7 @@ def run_stage(item: str, work: Callable[[], None]) -> int:
     """Run one stage and return its exit code.
 
     Args:
-        item: the DVC name of the stage, such as ``synthesize-pinch@cube``.
+        item: the DVC name of the stage, such as ``synthesize@pinch``.
         work: everything the stage does.
 
     A :class:`UserError` ends in one line on stderr and exit code 2; anything else is a defect of ours and keeps its

@@ -228,15 +228,24 @@ def hand_of_table(source: Path) -> str:
     return hand_of_schema(pq.read_schema(source))
 
 
-def write_table(target: Path, rows: pd.DataFrame, schema: pa.Schema) -> None:
-    """Write ``rows`` with exactly the columns and types of ``schema``; the same rows give the same bytes."""
+def arrow_table(rows: pd.DataFrame, schema: pa.Schema) -> pa.Table:
+    """Return ``rows`` with exactly the columns and types of ``schema``."""
     missing = set(schema.names) - set(rows.columns)
     if missing:
-        raise ValueError(f"rows for {target} lack the columns {sorted(missing)}")
+        raise ValueError(f"rows lack the columns {sorted(missing)}")
     arrays = [pa.array(rows[name].tolist(), type=schema.field(name).type, from_pandas=True) for name in schema.names]
-    table = pa.Table.from_arrays(arrays, schema=schema)
+    return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def write_arrow(target: Path, table: pa.Table) -> None:
+    """Write a table; the same rows give the same bytes, however the table came about."""
     with whole_file(target) as temporary:
-        pq.write_table(table, temporary, compression="zstd")
+        pq.write_table(table.combine_chunks(), temporary, compression="zstd")
+
+
+def write_table(target: Path, rows: pd.DataFrame, schema: pa.Schema) -> None:
+    """Write ``rows`` with exactly the columns and types of ``schema``."""
+    write_arrow(target, arrow_table(rows, schema))
 
 
 def read_table(source: Path, schema: pa.Schema, made_by: str) -> pd.DataFrame:
@@ -277,6 +286,11 @@ def _read(source: Path, schema: pa.Schema, made_by: str, columns: Sequence[str])
         return file.read(list(columns), use_threads=False).select(columns)
     except (pa.ArrowException, OSError, ValueError) as error:
         raise UserError(f"{source} is damaged or not a parquet file; delete it and {mend}.") from error
+
+
+def pair_rows(table: pd.DataFrame, second: str) -> pd.DataFrame:
+    """Return the rows of one pair, from a table of grasps or trials of all pairs that begin with one object."""
+    return table[table["object1"] == second].reset_index(drop=True)
 
 
 def check_size(source: Path | BinaryIO) -> None:

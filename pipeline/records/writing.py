@@ -88,7 +88,7 @@ def whole_folder(target: Path) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)  # of a killed process that had the same number
         temporary.mkdir(parents=True)
         yield temporary
-        _replace_folder(temporary, target)
+        replace_folder(temporary, target)
     except Exception as error:
         explained = _explain(error, target)
         if explained is error:
@@ -98,7 +98,7 @@ def whole_folder(target: Path) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def _replace_folder(new: Path, target: Path) -> None:
+def replace_folder(new: Path, target: Path) -> None:
     """Rename a folder to ``target``, whatever is there; when two processes do so at once, one of both stays whole."""
     old = target.with_name(f".{target.name}.old.{os.getpid()}.tmp")
     while True:
@@ -113,7 +113,12 @@ def _replace_folder(new: Path, target: Path) -> None:
             shutil.rmtree(old)
 
 
+def json_text(content: Any) -> str:
+    """Return ``content`` as sorted, indented JSON."""
+    return json.dumps(content, indent=2, sort_keys=True) + "\n"
+
+
 def write_json(target: Path, content: Any) -> None:
     """Write ``content`` as sorted, indented JSON."""
     with whole_file(target) as temporary:
-        temporary.write_text(json.dumps(content, indent=2, sort_keys=True) + "\n")
+        temporary.write_text(json_text(content))

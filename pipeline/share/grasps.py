@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
+from functools import partial
 
 import pandas as pd
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.tables import MERGED
-from pipeline.share.project import Project, objects_of, open_project, read_columns
+from pipeline.share.project import Project, objects_of, open_project, partners_of, read_pairs
 
-FILES = {"synthesized": (paths.merged_file, "merge"), "learned": (paths.sampled_file, "sample")}
+# Where the grasps of a source are, and the stage that makes them.
+FILES = {
+    "synthesized": (paths.merged_file, "merge"),
+    "learned": (partial(paths.sampled_file, "learned"), "sample@learned"),
+}
 # What every column of `load_grasps` means.
 GRASP_COLUMNS = {
     "source": "`synthesized` (merged from two single grasps) or `learned` (drawn from the model, then refined)",
@@ -62,7 +67,17 @@ def grasps_of(
     Raises:
         UserError: a table is missing or damaged.
     """
-    tables = [_pair(project, source, *pair, only_accepted) for source in sources for pair in pairs]
+    seconds: dict[str, list[str]] = {}
+    for first, second in pairs:
+        seconds.setdefault(first, []).append(second)
+    tables = []
+    for source in sources:
+        file_of, stage = FILES[source]
+        for first, own in seconds.items():
+            for rows in read_pairs(project, file_of(first), MERGED, stage, own).values():
+                kept = rows[rows["rejected_by"] == ""] if only_accepted else rows
+                kept.insert(0, "source", source)
+                tables.append(kept)
     return pd.concat(tables, ignore_index=True)
 
 
@@ -74,12 +89,14 @@ def chosen_pairs(
     Raises:
         UserError: there is no such object, or no pair at all.
     """
-    objects, place = objects_of(project), project.where(paths.PARAMETERS_FILE)
+    objects, partners = objects_of(project), partners_of(project)
+    place = project.where(paths.PARAMETERS_FILE)
     firsts = _among("first", first, objects["pinch"], place)
     seconds = _among("second", second, objects["side"], place)
-    if not firsts or not seconds:
-        raise UserError(f"{place} names no pair of objects; add objects to styles.pinch and styles.side.")
-    return [(one, other) for one in firsts for other in seconds]
+    pairs = [(one, other) for one in firsts for other in partners[one] if other in seconds]
+    if not pairs:
+        raise UserError(f"{place} names no such pair of objects; see `styles` and `pairs` there.")
+    return pairs
 
 
 def _among(what: str, wanted: str | Iterable[str] | None, known: Sequence[str], place: str) -> list[str]:
@@ -88,12 +105,3 @@ def _among(what: str, wanted: str | Iterable[str] | None, known: Sequence[str], 
         if name not in known:
             raise UserError(f"{place} has no {what} {name!r}; choose among {', '.join(known) or 'none'}.")
     return [name for name in known if name in chosen]
-
-
-def _pair(project: Project, source: str, first: str, second: str, only_accepted: bool) -> pd.DataFrame:
-    file_of, stage = FILES[source]
-    rows = read_columns(project, file_of(first, second), MERGED, f"{stage}@{first}")
-    if only_accepted:
-        rows = rows[rows["rejected_by"] == ""]
-    rows.insert(0, "source", source)
-    return rows

@@ -9,7 +9,7 @@ from __future__ import annotations
 import atexit
 import io
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -18,13 +18,16 @@ from typing import Any, Protocol
 
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import yaml
+from pydantic import TypeAdapter
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import OBJECT_NAME
 from pipeline.records.parameters.hand import ALLEGRO
+from pipeline.records.parameters.pairs import PairsParameter, partners
 from pipeline.records.tables import check_size, hand_of_schema
 from pipeline.records.texts import parse_yaml
 
@@ -184,18 +187,49 @@ def objects_of(project: Project) -> dict[str, list[str]]:
     Raises:
         UserError: params.yaml is missing, or is none of this project.
     """
-    place = project.where(paths.PARAMETERS_FILE)
+    return _objects(project, _parameters(project))
+
+
+def partners_of(project: Project) -> dict[str, tuple[str, ...]]:
+    """Return, for each first object of the project's params.yaml, the objects that are picked after it.
+
+    Raises:
+        UserError: params.yaml is missing, or is none of this project or this version.
+    """
+    place, content = project.where(paths.PARAMETERS_FILE), _parameters(project)
+    objects = _objects(project, content)
+    if "pairs" not in content:
+        raise UserError(f"{place} has no `pairs`: another version of this project made it; load it with that version.")
     try:
-        content = parse_yaml(project.read(paths.PARAMETERS_FILE, made_by="").decode())
-        found = {style: list(content["styles"][style]) for style in STYLES}
-    except (yaml.YAMLError, KeyError, TypeError, ValueError) as error:
-        raise UserError(
-            f"{place} does not list objects under `styles`, so it is no project of two-object grasps."
-        ) from error
+        pairs: Any = TypeAdapter(PairsParameter).validate_python(content["pairs"])
+        seed = TypeAdapter(int).validate_python(content["seed"])
+    except (ValueError, KeyError) as error:
+        raise UserError(f"{place} says neither by `pairs` nor by `seed` which objects are picked together.") from error
+    return partners(objects["pinch"], objects["side"], pairs, seed)
+
+
+def _parameters(project: Project) -> Any:
+    try:
+        return parse_yaml(project.read(paths.PARAMETERS_FILE, made_by="").decode())
+    except (yaml.YAMLError, ValueError) as error:
+        raise _no_project(project) from error
+
+
+def _objects(project: Project, parameters: Any) -> dict[str, list[str]]:
+    try:
+        found = {style: list(parameters["styles"][style]) for style in STYLES}
+    except (KeyError, TypeError) as error:
+        raise _no_project(project) from error
+    place = project.where(paths.PARAMETERS_FILE)
     for name in (name for style in STYLES for name in found[style]):
         if not isinstance(name, str) or not OBJECT_NAME.fullmatch(name):
             raise UserError(f"{place} names an object {name!r}; names have small letters, digits and underscores.")
     return found
+
+
+def _no_project(project: Project) -> UserError:
+    place = project.where(paths.PARAMETERS_FILE)
+    return UserError(f"{place} does not list objects under `styles`, so it is no project of two-object grasps.")
 
 
 def read_columns(project: Project, path: Path, columns: pa.Schema, made_by: str) -> pd.DataFrame:
@@ -204,6 +238,25 @@ def read_columns(project: Project, path: Path, columns: pa.Schema, made_by: str)
     Raises:
         UserError: the table is missing or damaged, or lacks a column or has one of another type.
     """
+    with _types(project, path):
+        return _read(project, path, columns, made_by).to_pandas(ignore_metadata=True)
+
+
+def read_pairs(
+    project: Project, path: Path, columns: pa.Schema, made_by: str, seconds: Sequence[str]
+) -> dict[str, pd.DataFrame]:
+    """Return the rows of pairs by their second object, from the table of all pairs of one first object.
+
+    Raises:
+        UserError: see :func:`read_columns`.
+    """
+    with _types(project, path):
+        table = _read(project, path, columns, made_by)
+        own = {second: table.filter(pc.equal(table["object1"], second)) for second in seconds}
+        return {second: rows.to_pandas(ignore_metadata=True) for second, rows in own.items()}
+
+
+def _read(project: Project, path: Path, columns: pa.Schema, made_by: str) -> pa.Table:
     content = project.read(path, made_by)
     try:
         check_size(io.BytesIO(content))
@@ -222,8 +275,14 @@ def read_columns(project: Project, path: Path, columns: pa.Schema, made_by: str)
             f"{project.where(path)} has no column {missing[0]}: another version of this project made it; load it with "
             "that version."
         )
+    return table.select(columns.names).cast(columns)
+
+
+@contextmanager
+def _types(project: Project, path: Path) -> Iterator[None]:
+    """Say in one sentence that columns are of other types."""
     try:
-        return table.select(columns.names).cast(columns).to_pandas(ignore_metadata=True)
+        yield
     except (pa.ArrowException, ValueError) as error:
         raise UserError(
             f"{project.where(path)} has columns of other types than this version expects; load it with the version "

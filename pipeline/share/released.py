@@ -88,7 +88,7 @@ def read_single_grasps(project: Project, style: str, object_name: str) -> pd.Dat
     Raises:
         UserError: the table is missing or damaged.
     """
-    stage = f"validate-{style}@{object_name}"
+    stage = f"validate@{style}"
     rows = read_columns(project, paths.validated_file(style, object_name), _SINGLE, stage)
     return rows.set_index("grasp_id")
 
@@ -222,7 +222,7 @@ def write_meshes(project: Project, names: Iterable[str], folder: Path) -> list[P
     written = []
     for name in names:
         path = paths.prepared_folder(name) / "mesh.ply"
-        content = project.read(path, f"prepare@{name}")
+        content = project.read(path, "prepare")
         try:
             mesh = read_geometry(content, "ply")
             upright = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)

@@ -1,55 +1,81 @@
-"""Synthesize grasp candidates: ``python -m pipeline.synthesize --style pinch --object cube``."""
+"""Synthesize grasp candidates in one style: ``data/synthesize/<style>/<object>.parquet``.
+
+`python -m pipeline.synthesize --style pinch` brings all objects of the style up to date, `--object cube` makes the
+candidates of one by hand.
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
+from pipeline.compute.code import own_fingerprint
+from pipeline.compute.items import Keep, Stage, make_by_hand, make_items
+from pipeline.compute.outputs import Tables
 from pipeline.records import paths
+from pipeline.records.digests import digest, hand_digest, prepared_digest
 from pipeline.records.objects import load_prepared_object
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.running import run_stage
-from pipeline.records.tables import CANDIDATES, of_hand, write_table
+from pipeline.records.tables import CANDIDATES, of_hand
+
+if TYPE_CHECKING:
+    from pipeline.compute.pool import Work
 
 
-def sections(style: str, object_name: str) -> list[str]:
-    """Parameter sections that this stage reads; ``object_name`` enters through the prepared object."""
-    return ["hand", "seed", "synthesize.energy", "synthesize.optimizer", f"synthesize.{style}"]
+def sections(style: str) -> list[str]:
+    """Return the sections of ``params.yaml`` that the stage depends on."""
+    return ["hand", "seed", f"styles.{style}", "synthesize.energy", "synthesize.optimizer", f"synthesize.{style}"]
 
 
-def synthesize_object(style: str, object_name: str) -> None:
-    """Read parameters and prepared object, run the chains, write the table of candidates."""
-    parameters = load_parameters(sections(style, object_name))
+def synthesize(style: str, only: str) -> None:
+    """Make the candidates of the objects that are not up to date, or of one by hand."""
+    parameters = load_parameters(sections(style))
     workers = read_parameters().compute
-    prepared = load_prepared_object(object_name)
+    names = [only] if only else parameters.pop(f"styles.{style}")
+    digests = {name: prepared_digest(name) for name in names}
     from pipeline.hand.model import load_hand
-    from pipeline.synthesize.candidates import Request, synthesize
+    from pipeline.synthesize.candidates import Request, synthesis
 
     hand = load_hand(parameters["hand"])
     hand.style(style)
+    tables = Tables(paths.candidates_file(style, "").parent, of_hand(CANDIDATES, hand.name, hand.joint_count))
+    stage = Stage(f"synthesize@{style}", "objects", tables)
 
-    request = Request(
-        prepared=prepared,
-        style=style,
-        run_seed=parameters["seed"],
-        energy=parameters["synthesize.energy"],
-        optimizer=parameters["synthesize.optimizer"],
-        settings=parameters[f"synthesize.{style}"],
-        hand=hand,
-    )
-    schema = of_hand(CANDIDATES, hand.name, hand.joint_count)
-    write_table(paths.candidates_file(style, object_name), synthesize(request, workers), schema)
+    def work(name: str, keep: Keep) -> Work[None]:
+        request = Request(
+            prepared=load_prepared_object(name),
+            style=style,
+            run_seed=parameters["seed"],
+            energy=parameters["synthesize.energy"],
+            optimizer=parameters["synthesize.optimizer"],
+            settings=parameters[f"synthesize.{style}"],
+            hand=hand,
+        )
+        keep(name, tables.rows((yield from synthesis(request))))
+
+    def begin(names: Sequence[str], keep: Keep) -> list[tuple[str, Any]]:
+        return [(name, partial(work, name, keep)) for name in names]
+
+    if only:
+        make_by_hand(stage, names, begin, workers)
+        return
+    common = digest(own_fingerprint("synthesize"), parameters, hand_digest(hand.name))
+    make_items(stage, {name: digest(common, name, digests[name]) for name in names}, begin, workers)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Parse the command line and run the stage."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.synthesize", description=__doc__)
-    parser.add_argument("--style", required=True, choices=("pinch", "side"), help="which fingers hold the object")
-    parser.add_argument("--object", required=True, help="name of a prepared object")
-    options = parser.parse_args(arguments)
-    return run_stage(
-        f"synthesize-{options.style}@{options.object}", lambda: synthesize_object(options.style, options.object)
+    parser = argparse.ArgumentParser(
+        prog="python -m pipeline.synthesize", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("--style", required=True, choices=("pinch", "side"), help="which fingers hold the object")
+    parser.add_argument("--object", default="", help="name of a prepared object")
+    options = parser.parse_args(arguments)
+    return run_stage(f"synthesize@{options.style}", lambda: synthesize(options.style, options.object))
 
 
 if __name__ == "__main__":

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.compute.fan_out import Workers, fan_out
-from pipeline.energy.scene import EnergyScene, Grasps, Terms, contact_slots
+from pipeline.compute.fan_out import Workers
+from pipeline.compute.pool import Calls, Work, run_one
+from pipeline.compute.shared import Shared
+from pipeline.energy.scene import EnergyScene, Grasps, Terms, compile_kernels, contact_slots
 from pipeline.hand.model import Hand, load_hand
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters, StyleParameters
@@ -38,7 +41,6 @@ class Request:
 class Block:
     """Chains that run in one launch; all of one finger set."""
 
-    request: Request
     fingers: tuple[str, ...]
     chains: tuple[int, ...]
 
@@ -50,19 +52,18 @@ def split_chains(request: Request) -> list[Block]:
     for index, fingers in enumerate(sets):
         chains = range(index, request.settings.chains, len(sets))
         for start in range(0, len(chains), request.optimizer.batch):
-            blocks.append(Block(request, tuple(fingers), tuple(chains[start : start + request.optimizer.batch])))
+            blocks.append(Block(tuple(fingers), tuple(chains[start : start + request.optimizer.batch])))
     return blocks
 
 
 def first_states(
-    block: Block, scene: EnergyScene
+    request: Request, block: Block, scene: EnergyScene
 ) -> tuple[Grasps, list[NDArray[np.float64]], NDArray[np.bool_], NDArray[np.int64]]:
     """Return what the chains of a block start from: states, contact slots, free joints (J,), seeds.
 
     States and seeds are those of all starts, chain by chain. The first is what the chain would have alone.
     """
-    request, hand = block.request, block.request.hand
-    settings = request.settings
+    hand, settings = request.hand, request.settings
     key = "+".join(block.fingers)
     slots = contact_slots(
         hand, block.fingers, settings.contacts[key], settings.links.get(key, ()), settings.free_contacts
@@ -75,11 +76,11 @@ def first_states(
     return first, slots, free_joints(hand, request.style, settings, request.waiting), seeds
 
 
-def run_block(block: Block) -> tuple[Grasps, Terms]:
+def run_block(request: Request, block: Block) -> tuple[Grasps, Terms]:
     """Return the states that a block's chains end with, and their terms."""
-    request, hand = block.request, block.request.hand
+    hand = request.hand
     scene = EnergyScene(request.prepared, request.energy, request.settings, request.optimizer.device, hand)
-    first, slots, free, seeds = first_states(block, scene)
+    first, slots, free, seeds = first_states(request, block, scene)
     settings = request.settings
     best, _ = run_chains(scene, request.optimizer, settings.iterations, first, slots, free, seeds, settings.starts)
     # The energy only leans against the limits, so that the best state may lie a little beyond.
@@ -96,9 +97,8 @@ def touching(hand: Hand, fingers: Sequence[str], contacts: NDArray[np.int64]) ->
     return ["+".join(finger for finger in fingers if finger in touched) for touched in own]
 
 
-def block_rows(block: Block, grasps: Grasps, terms: Terms) -> pd.DataFrame:
+def block_rows(request: Request, block: Block, grasps: Grasps, terms: Terms) -> pd.DataFrame:
     """Return the table rows of a block, scored exactly."""
-    request = block.request
     terms, points, normals = score_exactly(request.hand, request.prepared, request.energy, grasps, terms)
     return pd.DataFrame(
         {
@@ -121,14 +121,16 @@ def block_rows(block: Block, grasps: Grasps, terms: Terms) -> pd.DataFrame:
 
 def synthesize(request: Request, workers: Workers) -> pd.DataFrame:
     """Return one row per chain (``records.tables.CANDIDATES``), in the order of the chains."""
+    return run_one(synthesis(request), workers, f"synthesize {request.style} {request.prepared.name}")
+
+
+def synthesis(request: Request) -> Work[pd.DataFrame]:
+    """Compute what :func:`synthesize` returns, block by block."""
     blocks = split_chains(request)
-    # Compile once here; the processes then find the kernels in the cache.
-    EnergyScene(request.prepared, request.energy, request.settings, request.optimizer.device, request.hand).compile()
-    label = f"synthesize {request.style} {request.prepared.name}"
-    results = fan_out(run_block, blocks, workers, label)
-    rows = pd.concat(
-        [block_rows(block, *result) for block, result in zip(blocks, results, strict=True)], ignore_index=True
-    )
+    compile_kernels(request.optimizer.device)  # once here; the workers then find them in the cache
+    with Shared(request) as shared:
+        tables = yield Calls(partial(_rows_of_block, shared), blocks)
+    rows = pd.concat(tables, ignore_index=True)
     rows = rows.sort_values("grasp_id", ignore_index=True)
     grasps = Grasps(
         position=np.stack(rows["position_object_hand"].tolist()),
@@ -139,3 +141,7 @@ def synthesize(request: Request, workers: Workers) -> pd.DataFrame:
     same = duplicates(grasps, rows["energy"].to_numpy(), (rows["rejected_by"] == "").to_numpy())
     rows.loc[same, "rejected_by"] = "duplicate"
     return rows
+
+
+def _rows_of_block(shared: Shared[Request], block: Block) -> pd.DataFrame:
+    return block_rows(shared.value, block, *run_block(shared.value, block))

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from pipeline.compute.unfinished import remove_finished
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import read_parameters, require_allegro
@@ -65,6 +66,7 @@ def work() -> None:
         with whole_file(table) as temporary:
             temporary.write_text(csv_text(header, rows))
     write_json(paths.TRACKING_FILE, record.counts())
+    remove_finished()
 
 
 def work_all() -> int:

@@ -1,50 +1,81 @@
-"""`python -m pipeline.train`: learn two-object grasps from the merged ones; writes ``models/train``."""
+"""Learn two-object grasps from the merged ones: `python -m pipeline.train` writes ``models/train``."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from pipeline.compute.code import own_fingerprint
+from pipeline.compute.items import Keep, Stage, make_items
+from pipeline.compute.outputs import Folders, files_in
 from pipeline.records import paths
-from pipeline.records.parameters import load_parameters
+from pipeline.records.digests import digest
+from pipeline.records.parameters import load_pairs, load_parameters
 from pipeline.records.parameters.train import TrainingParameters
 from pipeline.records.running import run_stage
 
+if TYPE_CHECKING:
+    from pipeline.compute.pool import Work
+
+STAGE = Stage("train", "models", Folders(paths.MODEL_FOLDER))
+
 
 def sections() -> list[str]:
-    """Parameter sections that the stage depends on."""
+    """Return the sections of ``params.yaml`` that the stage depends on."""
     parts = ["data", "encoder", "denoiser", "diffusion", "optimization"]
-    return ["seed", "styles", *(f"train.{part}" for part in parts)]
+    return ["seed", "styles", "pairs", *(f"train.{part}" for part in parts)]
 
 
 def train_model() -> None:
     """Train on the accepted grasps of all pairs; a run that was killed goes on where it last recorded its losses.
 
+    The model stays what it is when nothing has changed that it learns from.
+
     Raises:
         UserError: a table or object is missing or damaged, or there is nothing to learn from.
     """
     parameters = load_parameters(sections())
-    styles, seed = parameters["styles"], parameters["seed"]
+    seed, data = parameters["seed"], parameters["train.data"]
 
     from pipeline.records.objects import load_prepared_object
     from pipeline.records.tables import MERGED, read_table
     from pipeline.train.checkpoint import write_checkpoint
     from pipeline.train.data import gather_examples
-    from pipeline.train.training import train
+    from pipeline.train.training import train, training_identity
 
-    objects = {name: load_prepared_object(name) for name in dict.fromkeys([*styles.pinch, *styles.side])}
-    tables = {
-        (first, second): read_table(paths.merged_file(first, second), MERGED, f"merge@{first}")
-        for first in styles.pinch
-        for second in styles.side
-    }
+    tables = {}
+    for first, seconds in load_pairs().items():
+        merged = read_table(paths.merged_file(first), MERGED, "merge") if seconds else None
+        for second in seconds:
+            assert merged is not None
+            if not {first, second} & set(data.held_out_objects):
+                tables[first, second] = merged[merged["object1"] == second].reset_index(drop=True)
+    objects = {name: load_prepared_object(name) for name in dict.fromkeys(name for pair in tables for name in pair)}
     settings = {name.partition(".")[2]: value for name, value in parameters.items() if name.startswith("train.")}
-    examples = gather_examples(tables, objects, settings["data"], settings["encoder"], seed)
-    checkpoint, history = train(examples, TrainingParameters(**settings), seed, paths.TRAINING_STATE)
-    write_checkpoint(paths.MODEL_FOLDER, checkpoint, history)
-    paths.TRAINING_STATE.unlink(missing_ok=True)
-    last = history[-1]
-    losses = ", ".join(f"{name.replace('_', ' ')} {last[name]:.4f}" for name in last if name.endswith("_loss"))
-    print(f"trained on {int((examples.split == 'training').sum())} grasps of {len(checkpoint.pairs)} pairs: {losses}")
+    training = TrainingParameters(**settings)
+    examples = gather_examples(tables, objects, data, settings["encoder"], seed)
+
+    def work(keep: Keep) -> Work[None]:
+        from tempfile import TemporaryDirectory
+
+        checkpoint, history = train(examples, training, seed, paths.TRAINING_STATE)
+        with TemporaryDirectory() as temporary:
+            write_checkpoint(Path(temporary) / "model", checkpoint, history)
+            keep("", files_in(Path(temporary) / "model"))
+        paths.TRAINING_STATE.unlink(missing_ok=True)
+        last = history[-1]
+        losses = ", ".join(f"{name.replace('_', ' ')} {last[name]:.4f}" for name in last if name.endswith("_loss"))
+        count = int((examples.split == "training").sum())
+        print(f"trained on {count} grasps of {len(checkpoint.pairs)} pairs: {losses}")
+        yield from ()
+
+    def begin(keys: Sequence[str], keep: Keep) -> list[tuple[str, Any]]:
+        return [("model", lambda: work(keep))]
+
+    identity = digest(own_fingerprint("train"), training_identity(examples, training, seed))
+    make_items(STAGE, {"": identity}, begin, workers=1)
 
 
 def main() -> int:

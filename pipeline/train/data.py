@@ -62,10 +62,10 @@ def gather_examples(
         UserError: there is nothing to learn from, or ``held_out_pairs`` names an unknown pair.
     """
     for first, second in data.held_out_pairs:
-        if (first, second) not in tables:
+        if (first, second) not in tables and not {first, second} & set(data.held_out_objects):
             raise UserError(
                 f"params.yaml: train.data.held_out_pairs names the unknown pair [{first}, {second}]; "
-                "name an object of styles.pinch and one of styles.side."
+                "name a pair of `styles` and `pairs`."
             )
     accepted = {pair: table[table["rejected_by"] == ""] for pair, table in tables.items()}
     pairs = tuple(pair for pair, rows in accepted.items() if len(rows))

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.compute.fan_out import Workers, fan_out
+from pipeline.compute.fan_out import Workers
+from pipeline.compute.pool import Calls, Work, run_one
 from pipeline.compute.shared import Shared
 from pipeline.hand.allegro import load_hand
 from pipeline.pairing.combination import Pair, try_combination
@@ -71,10 +72,15 @@ def draw_grasps(checkpoint: Checkpoint, model: GraspModel, task: Task, energy: P
 
 
 def check_grasps(task: Task, drawn: Drawn, workers: Workers) -> pd.DataFrame:
-    """Return the table ``MERGED`` of one pair: samples in their order until enough are accepted, each with its fate.
+    """Return the table ``MERGED`` of one pair: samples in their order until enough are accepted, each with its outcome.
 
     ``grasp0_id`` and ``grasp1_id`` are the place of the sample in that order, and so is ``merged_id``.
     """
+    return run_one(checking(task, drawn), workers, f"{task.pair.object0.name}--{task.pair.object1.name}")
+
+
+def checking(task: Task, drawn: Drawn) -> Work[pd.DataFrame]:
+    """Compute what :func:`check_grasps` returns, some samples at once."""
     settings = task.settings
     pair = checked_pair(task.pair, settings)
     rows: list[dict[str, Any]] = []
@@ -82,13 +88,52 @@ def check_grasps(task: Task, drawn: Drawn, workers: Workers) -> pd.DataFrame:
     with Shared((pair, drawn.ranked)) as shared:
         while accepted < settings.grasps and len(rows) < settings.draws:
             count = min(CHUNK, settings.grasps - accepted + SPARE, settings.draws - len(rows))
-            label = f"{pair.object0.name}--{pair.object1.name}: {accepted} of {settings.grasps}"
+            done = accepted / settings.grasps
             indices = range(len(rows), len(rows) + count)
-            for row in fan_out(partial(_check, shared), indices, workers, label):
+            for row in (yield Calls(partial(_check, shared), indices, done, min(1.0, done + count / settings.grasps))):
                 if accepted < settings.grasps:
                     rows.append(row | {"merged_id": len(rows)})
                     accepted += row["rejected_by"] == ""
     return pd.DataFrame(rows, columns=MERGED.names, dtype=object)
+
+
+class Model:
+    """A checkpoint and its network, made when it is first needed where it is used."""
+
+    def __init__(self, checkpoint: Checkpoint) -> None:
+        self.checkpoint = checkpoint
+
+    @cached_property
+    def network(self) -> GraspModel:
+        """The network, ready to predict."""
+        return self.checkpoint.model()
+
+
+def sampling(model: Shared[Model], task: Task) -> Work[tuple[pd.DataFrame, Drawn, dict[str, Any]]]:
+    """Return the table of checked grasps of a pair, what was drawn, and figures on both."""
+    with Shared(task) as shared:
+        ((drawn, raw),) = yield Calls(partial(_draw, model, shared), [None], 0.0, 0.1)
+        table = yield from checking(task, drawn)
+        accepted = table.loc[table["rejected_by"] == "", "merged_id"].to_numpy(dtype="int64")
+        (ranked,) = yield Calls(partial(_quality, shared), [drawn.ranked.chosen(accepted)], 0.9)
+    figures = {
+        "drawn": len(drawn.ranked.grasps),
+        "joint_violation_mean": float(drawn.joint_violation.mean()),
+        "raw": raw,
+        "ranked": ranked,
+    }
+    return table, drawn, figures
+
+
+def _draw(model: Shared[Model], shared: Shared[Task], _: None) -> tuple[Drawn, dict[str, float]]:
+    """Return what the model draws for a pair, and figures of it as it came from the model."""
+    energy = pair_energy(shared.value)
+    drawn = draw_grasps(model.value.checkpoint, model.value.network, shared.value, energy)
+    return drawn, quality(energy, drawn.raw)
+
+
+def _quality(shared: Shared[Task], scored: Scored) -> dict[str, float]:
+    return quality(pair_energy(shared.value), scored)
 
 
 def checked_pair(pair: Pair, settings: SamplingParameters) -> Pair:

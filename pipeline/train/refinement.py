@@ -66,10 +66,6 @@ class PairEnergy:
         self.scenes = [EnergyScene(item, energy, style) for item, style in zip(objects, styles, strict=True)]
         self.fields = [DistanceField(item) for item in objects]
 
-    def compile(self) -> None:
-        """Compile the kernels, or load them from Warp's cache."""
-        self.scenes[0].compile()
-
     def contacts(self, grasps: GraspBatch, rng: np.random.Generator) -> tuple[Contacts, Contacts]:
         """Choose the contacts of both objects."""
         T = inverse_pose(grasps.T_hand_object)

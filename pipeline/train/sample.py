@@ -1,11 +1,11 @@
 """Two-object grasps from the trained model.
 
-`python -m pipeline.train.sample --object cube` draws them for all pairs that begin with an object of params.yaml and
-writes ``data/train/<object>``: one table per second object, like those of ``merge``, and ``quality.json``.
+`python -m pipeline.train.sample --source learned` brings those of all pairs of params.yaml up to date, `--object cube`
+draws those of the pairs that begin with one object by hand: ``data/sample/learned/<object>.parquet``, tables like those
+of ``merge``, and ``quality.json``.
 
-`python -m pipeline.train.sample --source reconstructed --object cube` draws them for objects as photos show them: all
-pairs under ``reconstructed`` in params.yaml that begin with this one. It knows nothing else of the objects, and writes
-``data/train_reconstructed/<object>`` in the frames of the reconstructions.
+`--source reconstructed` draws them for objects as photos show them, the pairs under ``reconstructed`` in params.yaml.
+It knows nothing else of the objects, and writes ``data/sample/reconstructed`` in the frames of the reconstructions.
 
 `python -m pipeline.train.sample --object0 FILE --object1 FILE -n 25` draws them for two objects of your own, meshes or
 point clouds in metres, and writes grasps.parquet, grasps.json and grasps.html.
@@ -15,113 +15,152 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pipeline.compute.code import own_fingerprint
+from pipeline.compute.items import Keep, Stage, make_by_hand, make_items
+from pipeline.compute.outputs import TablesWithFigures
 from pipeline.records import paths
+from pipeline.records.digests import digest, file_digest, folder_digest, hand_digest, prepared_digest
 from pipeline.records.errors import UserError
-from pipeline.records.parameters import load_parameters, read_parameters
+from pipeline.records.parameters import load_pairs, load_parameters, read_parameters
+from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.running import run_stage
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from pipeline.compute.pool import Work
     from pipeline.records.objects import PreparedObject
     from pipeline.train.checkpoint import Checkpoint
     from pipeline.train.proposals import Drawn
 
 
-def sections(source: str = "", object_name: str = "") -> list[str]:
-    """Parameter sections of the stage ``sample@<object>``, or ``sample-reconstructed@<object>`` for that source."""
+def sections(source: str = "learned") -> list[str]:
+    """Return the sections of ``params.yaml`` that ``sample@<source>`` depends on."""
     synthesis = ["synthesize.energy", "synthesize.pinch", "synthesize.side"]
-    pairs = f"reconstructed.{object_name}" if source == paths.RECONSTRUCTED else "styles"
-    return ["seed", pairs, "train.sampling", *synthesis, "merge", "physics", "validate"]
+    pairs = ["reconstructed"] if source == paths.RECONSTRUCTED else ["styles", "pairs"]
+    return ["seed", *pairs, "train.sampling", *synthesis, "merge", "physics", "validate"]
 
 
-def sample_pairs(first: str) -> None:
-    """Draw grasps for all pairs that begin with ``first`` and write their folder, whole or not at all.
+def sample(source: str, only: str) -> None:
+    """Draw grasps for the pairs of a source that are not up to date, or for those of one first object by hand.
 
     Raises:
-        UserError: an input is missing or damaged, or ``styles.pinch`` does not name the object.
+        UserError: an input is missing or damaged, or params.yaml does not name the object for this source.
     """
-    parameters = load_parameters(sections())
-    second_objects = parameters["styles"].after(first)
+    parameters = load_parameters(sections(source))
+    workers = read_parameters().compute
+    seen = _Reconstructions(parameters["reconstructed"], only) if source == paths.RECONSTRUCTED else _Prepared(only)
 
+    from pipeline.compute.shared import Shared
+    from pipeline.records.seeds import item_seed
+    from pipeline.records.tables import MERGED
+    from pipeline.train.checkpoint import read_checkpoint
+    from pipeline.train.proposals import Model, sampling
+
+    checkpoint = read_checkpoint(paths.MODEL_FOLDER)
+    output = TablesWithFigures(paths.sampled_file(source, "").parent, MERGED, ("object1",))
+    stage = Stage(f"sample@{source}", "pairs", output)
+
+    with Shared(Model(checkpoint)) as model:
+
+        def work(key: str, keep: Keep) -> Work[None]:
+            first, second = key.split("/")
+            seed = item_seed(parameters["seed"], "train", seen.identity, first, second) % 2**31
+            objects = seen.objects(first, second)
+            points = (objects[0].surface_points, objects[1].surface_points)
+            table, drawn, figures = yield from sampling(model, _task(parameters, objects, points, seed))
+            if source != paths.RECONSTRUCTED:
+                figures |= _against_known(checkpoint, (first, second), _merged(first, second), drawn)
+            keep(key, (output.rows(table), figures))
+            print(f"{first} then {second}, {source}: {len(_accepted(table))} accepted of {len(table)} tried")
+
+        def begin(keys: Sequence[str], keep: Keep) -> list[tuple[str, Any]]:
+            return [(key, partial(work, key, keep)) for key in keys]
+
+        keys = [(first, second) for first, seconds in seen.pairs.items() for second in seconds]
+        if only:
+            make_by_hand(stage, ["/".join(key) for key in keys], begin, workers)
+            return
+        values = [parameters[name] for name in sections(source) if name not in ("styles", "pairs", "reconstructed")]
+        files = [file_digest(paths.MODEL_FOLDER / name, "train") for name in ("model.json", "model.safetensors")]
+        common = digest(own_fingerprint("sample"), source, values, files, hand_digest(ALLEGRO))
+        fingerprints = {"/".join(key): digest(common, key, seen.digest(*key)) for key in keys}
+        make_items(stage, fingerprints, begin, workers)
+
+
+class _Prepared:
+    """Pairs of prepared objects, whose surface the model sees."""
+
+    identity = "sample"  # what the seed of a pair depends on
+
+    def __init__(self, only: str) -> None:
+        self.pairs = load_pairs(only)
+
+    def objects(self, first: str, second: str) -> tuple[PreparedObject, PreparedObject]:
+        """Return the objects of a pair."""
+        return _prepared(first), _prepared(second)
+
+    def digest(self, first: str, second: str) -> str:
+        """Return the digest of what the grasps of a pair depend on."""
+        from pipeline.records.tables import MERGED, arrow_table
+
+        merged = arrow_table(_merged(first, second), MERGED)
+        return digest(prepared_digest(first), prepared_digest(second), merged)
+
+
+class _Reconstructions:
+    """Pairs of objects of which the model sees what photos show, and knows nothing else."""
+
+    identity = paths.RECONSTRUCTED
+
+    def __init__(self, chosen: dict[str, Any], only: str) -> None:
+        if only and only not in chosen:
+            raise UserError(f"params.yaml: there is no object {only!r} under `reconstructed`; add it there.")
+        self._captures = {first: item.capture for first, item in chosen.items()}
+        self.pairs = {first: tuple(item.side) for first, item in chosen.items() if only in ("", first)}
+
+    def objects(self, first: str, second: str) -> tuple[PreparedObject, PreparedObject]:
+        """Return the objects of a pair."""
+        capture = self._captures[first]
+        return _reconstructed(capture, first), _reconstructed(capture, second)
+
+    def digest(self, first: str, second: str) -> str:
+        """Return the digest of what the grasps of a pair depend on."""
+        folder = paths.reconstruction_folder(self._captures[first]) / "objects"
+        return digest([folder_digest(folder / name, "reconstruct") for name in (first, second)])
+
+
+@lru_cache(maxsize=16)
+def _prepared(name: str) -> PreparedObject:
     from pipeline.records.objects import load_prepared_object
-    from pipeline.records.tables import MERGED, read_table
 
-    stage = _Stage(parameters)
-    objects = {name: load_prepared_object(name) for name in dict.fromkeys([first, *second_objects])}
-    tables, figures = {}, {}
-    for second in second_objects:
-        seed = ("train", "sample", first, second)
-        tables[second], drawn, common = stage.draw((objects[first], objects[second]), seed)
-        merged = read_table(paths.merged_file(first, second), MERGED, f"merge@{first}")
-        figures[second] = common | _against_known(stage.checkpoint, (first, second), merged, drawn)
-        print(f"{first} then {second}: {len(_accepted(tables[second]))} accepted of {len(tables[second])} tried")
-    _write_folder(paths.sampled_folder(first), tables, figures)
+    return load_prepared_object(name)
 
 
-def sample_reconstructed(first: str) -> None:
-    """Draw grasps for all pairs of reconstructed objects that begin with ``first`` and write their folder.
-
-    Raises:
-        UserError: an input is missing or damaged, or ``reconstructed`` does not name the object.
-    """
-    parameters = load_parameters(sections(paths.RECONSTRUCTED, first))
-    pairs = parameters[f"reconstructed.{first}"]
-
+@lru_cache(maxsize=16)
+def _reconstructed(capture: str, name: str) -> PreparedObject:
     from pipeline.records.reconstructions import load_reconstructed_object
     from pipeline.records.solids import object_of_reconstruction
 
-    stage = _Stage(parameters)
-    objects = {
-        name: object_of_reconstruction(load_reconstructed_object(pairs.capture, name))
-        for name in dict.fromkeys([first, *pairs.side])
-    }
-    tables, figures = {}, {}
-    for second in pairs.side:
-        seed = ("train", paths.RECONSTRUCTED, first, second)
-        tables[second], _, figures[second] = stage.draw((objects[first], objects[second]), seed)
-        accepted = len(_accepted(tables[second]))
-        print(f"{first} then {second}, reconstructed: {accepted} accepted of {len(tables[second])} tried")
-    _write_folder(paths.reconstructed_folder(first), tables, figures)
+    return object_of_reconstruction(load_reconstructed_object(capture, name))
 
 
-class _Stage:
-    """The trained model, and what both stages do with a pair."""
+@lru_cache(maxsize=2)
+def _table(first: str) -> pd.DataFrame:
+    from pipeline.records.tables import MERGED, read_table
 
-    def __init__(self, parameters: dict[str, Any]) -> None:
-        from pipeline.train.checkpoint import read_checkpoint
+    return read_table(paths.merged_file(first), MERGED, "merge")
 
-        self.parameters = parameters
-        self.workers = read_parameters().compute
-        self.checkpoint = read_checkpoint(paths.MODEL_FOLDER)
-        self.model = self.checkpoint.model()
 
-    def draw(
-        self, pair: tuple[PreparedObject, PreparedObject], identity: tuple[str, ...]
-    ) -> tuple[pd.DataFrame, Drawn, dict[str, Any]]:
-        """Return the table of checked grasps of a pair, what was drawn, and figures for ``quality.json``.
-
-        Args:
-            identity: what the random seed of the pair depends on, besides the run's.
-        """
-        from pipeline.records.seeds import item_seed
-        from pipeline.train.proposals import check_grasps, draw_grasps, pair_energy, quality
-
-        points = (pair[0].surface_points, pair[1].surface_points)
-        task = _task(self.parameters, pair, points, item_seed(self.parameters["seed"], *identity) % 2**31)
-        energy = pair_energy(task)
-        drawn = draw_grasps(self.checkpoint, self.model, task, energy)
-        table = check_grasps(task, drawn, self.workers)
-        figures = {
-            "drawn": len(drawn.ranked.grasps),
-            "joint_violation_mean": float(drawn.joint_violation.mean()),
-            "raw": quality(energy, drawn.raw),
-            "ranked": quality(energy, drawn.ranked.chosen(_accepted(table))),
-        }
-        return table, drawn, figures
+def _merged(first: str, second: str) -> pd.DataFrame:
+    """Return the merged grasps of a pair."""
+    table = _table(first)
+    return table[table["object1"] == second].reset_index(drop=True)
 
 
 def _against_known(checkpoint: Checkpoint, pair: tuple[str, str], merged: pd.DataFrame, drawn: Drawn) -> dict[str, Any]:
@@ -147,17 +186,6 @@ def _against_known(checkpoint: Checkpoint, pair: tuple[str, str], merged: pd.Dat
             nearest_samples(grasps_of(held_out), grasps_of(seen)) if len(held_out) and len(seen) else {}
         ),
     }
-
-
-def _write_folder(target: Path, tables: dict[str, pd.DataFrame], figures: dict[str, dict[str, Any]]) -> None:
-    """Write one table per second object, and the figures, as a whole folder."""
-    from pipeline.records.tables import MERGED, write_table
-    from pipeline.records.writing import whole_folder, write_json
-
-    with whole_folder(target) as folder:
-        for second, table in tables.items():
-            write_table(folder / f"{second}.parquet", table, MERGED)
-        write_json(folder / "quality.json", figures)
 
 
 def _accepted(table: Any) -> Any:
@@ -190,6 +218,7 @@ def sample_own(sources: tuple[Path, Path], count: int, output: Path) -> None:
 
     from time import perf_counter
 
+    from pipeline.energy.scene import compile_kernels
     from pipeline.records.tables import MERGED, write_table
     from pipeline.records.writing import whole_file, write_json
     from pipeline.train.checkpoint import read_checkpoint
@@ -205,7 +234,7 @@ def sample_own(sources: tuple[Path, Path], count: int, output: Path) -> None:
     parameters["train.sampling"] = settings.model_copy(update=enough)
     task = _task(parameters, (first, second), (points0, points1), parameters["seed"])
     energy = pair_energy(task)
-    energy.compile()
+    compile_kernels()
     begin = perf_counter()
     drawn = draw_grasps(checkpoint, model, task, energy)
     ranked = perf_counter()
@@ -242,23 +271,21 @@ def main(arguments: list[str] | None = None) -> int:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--object", help="the object that is picked first, a name in params.yaml")
+    parser.add_argument("--object", default="", help="the object that is picked first, a name in params.yaml")
     parser.add_argument(
-        "--source", choices=[paths.RECONSTRUCTED], help="with --object: see the objects as photos show them"
+        "--source", choices=["learned", paths.RECONSTRUCTED], help="what the model sees of the objects of params.yaml"
     )
     parser.add_argument("--object0", type=Path, help="file of the object that is pinched, metres, z up")
     parser.add_argument("--object1", type=Path, help="file of the object that ring finger and palm hold")
     parser.add_argument("-n", type=int, default=25, help="grasps wanted (default: %(default)s)")
     parser.add_argument("--output", type=Path, default=Path("grasps"), help="folder to write to (default: %(default)s)")
     chosen = parser.parse_args(arguments)
-    if chosen.object and chosen.source == paths.RECONSTRUCTED:
-        return run_stage(f"sample-reconstructed@{chosen.object}", lambda: sample_reconstructed(chosen.object))
-    if chosen.object:
-        return run_stage(f"sample@{chosen.object}", lambda: sample_pairs(chosen.object))
     if chosen.source:
-        parser.error("give --source with --object NAME")
+        return run_stage(f"sample@{chosen.source}", lambda: sample(chosen.source, chosen.object))
+    if chosen.object:
+        parser.error("give --object with --source learned or --source reconstructed")
     if not (chosen.object0 and chosen.object1) or chosen.n < 1:
-        parser.error("give --object NAME, or --object0 FILE and --object1 FILE, and -n of at least 1")
+        parser.error("give --source NAME, or --object0 FILE and --object1 FILE, and -n of at least 1")
     try:
         sample_own((chosen.object0, chosen.object1), chosen.n, chosen.output)
     except UserError as error:

@@ -155,7 +155,7 @@ def train(
         optimizer = torch.optim.AdamW(model.parameters(), weight_decay=optimization.weight_decay)
         pairs = source.pairs.to(optimization.device)
 
-        identity = _identity(examples, settings, seed)
+        identity = training_identity(examples, settings, seed)
         begin, history = _resume(state_file, identity, model, average, optimizer)
         losses: list[float] = []
         for step in watched(range(begin, optimization.steps), optimization.steps - begin, "training"):
@@ -218,9 +218,12 @@ def _deterministic(settings: OptimizationParameters) -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-def _identity(examples: Examples, settings: TrainingParameters, seed: int) -> str:
+def training_identity(examples: Examples, settings: TrainingParameters, seed: int) -> str:
     """Return a digest of all that the weights depend on: a state of another run must not be resumed."""
-    digest = hashlib.sha256(f"{settings.model_dump_json()} {seed} {examples.pairs} {torch.__version__}".encode())
+    names = {"data": {"held_out_objects"}}  # what is not learned from is not among the examples either
+    digest = hashlib.sha256(
+        f"{settings.model_dump_json(exclude=names)} {seed} {examples.pairs} {torch.__version__}".encode()
+    )
     for array in (examples.grasps.T_hand_object, examples.grasps.q, examples.pair, examples.clouds.points):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

@@ -1,53 +1,85 @@
-"""``python -m pipeline.validate --style pinch --object cube``: which candidates survive physics."""
+"""Test candidates of one style in physics: ``data/validate/<style>/<object>.parquet``.
+
+`python -m pipeline.validate --style pinch` brings all objects of the style up to date, `--object cube` tests the
+candidates of one by hand.
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
+from pipeline.compute.code import own_fingerprint
+from pipeline.compute.items import Keep, Stage, make_by_hand, make_items
+from pipeline.compute.outputs import Tables
 from pipeline.records import paths
+from pipeline.records.digests import digest, file_digest, hand_digest, prepared_digest
 from pipeline.records.objects import load_prepared_object
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.running import run_stage
-from pipeline.records.tables import CANDIDATES, VALIDATED, of_hand, read_table, write_table
+from pipeline.records.tables import CANDIDATES, VALIDATED, of_hand, read_table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from pipeline.compute.pool import Work
 
 
-def sections(style: str, object_name: str) -> list[str]:
-    """Return the parameter sections that the stage depends on."""
-    return ["hand", "physics", "validate"]
+def sections(style: str) -> list[str]:
+    """Return the sections of ``params.yaml`` that the stage depends on."""
+    return ["hand", f"styles.{style}", "physics", "validate"]
 
 
-def main(style: str, object_name: str) -> None:
-    """Test all candidates of one object in one style and write their rows with verdicts."""
-    parameters = load_parameters(sections(style, object_name))
+def validate(style: str, only: str) -> None:
+    """Test the candidates of the objects that are not up to date, or of one by hand."""
+    parameters = load_parameters(sections(style))
+    workers = read_parameters().compute
+    names = [only] if only else parameters.pop(f"styles.{style}")
+    made_by = f"synthesize@{style}"
+    digests = {
+        name: digest(prepared_digest(name), file_digest(paths.candidates_file(style, name), made_by)) for name in names
+    }
     from pipeline.hand.model import load_hand
+    from pipeline.validate.table import validation
 
     hand = load_hand(parameters["hand"])
-    candidates = read_table(
-        paths.candidates_file(style, object_name),
-        of_hand(CANDIDATES, hand.name, hand.joint_count),
-        f"synthesize-{style}@{object_name}",
-    )
-    prepared = load_prepared_object(object_name)
-    from pipeline.validate.table import validate_table
+    tables = Tables(paths.validated_file(style, "").parent, of_hand(VALIDATED, hand.name, hand.joint_count))
+    stage = Stage(f"validate@{style}", "objects", tables)
 
-    rows = validate_table(
-        candidates,
-        prepared,
-        parameters["physics"],
-        parameters["validate"],
-        read_parameters().compute,
-        f"validate-{style}@{object_name}",
-        hand=hand,
+    def candidates(name: str) -> pd.DataFrame:
+        schema = of_hand(CANDIDATES, hand.name, hand.joint_count)
+        return read_table(paths.candidates_file(style, name), schema, made_by)
+
+    def work(name: str, keep: Keep) -> Work[None]:
+        rows = yield from validation(
+            candidates(name), load_prepared_object(name), parameters["physics"], parameters["validate"], hand=hand
+        )
+        keep(name, tables.rows(rows))
+
+    def begin(names: Sequence[str], keep: Keep) -> list[tuple[str, Any]]:
+        to_test = {name: int((candidates(name)["rejected_by"] == "").sum()) for name in names}
+        return [(name, partial(work, name, keep)) for name in sorted(names, key=to_test.__getitem__, reverse=True)]
+
+    if only:
+        make_by_hand(stage, names, begin, workers)
+        return
+    common = digest(own_fingerprint("validate"), parameters, hand_digest(hand.name))
+    make_items(stage, {name: digest(common, name, digests[name]) for name in names}, begin, workers)
+
+
+def main() -> int:
+    """Parse the command line and run the stage."""
+    parser = argparse.ArgumentParser(
+        prog="python -m pipeline.validate", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    write_table(paths.validated_file(style, object_name), rows, of_hand(VALIDATED, hand.name, hand.joint_count))
+    parser.add_argument("--style", required=True, choices=["pinch", "side"], help="how the objects are grasped")
+    parser.add_argument("--object", default="", help="an object of params.yaml")
+    arguments = parser.parse_args()
+    return run_stage(f"validate@{arguments.style}", lambda: validate(arguments.style, arguments.object))
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(prog="python -m pipeline.validate", description=__doc__)
-    parser.add_argument("--style", required=True, choices=["pinch", "side"], help="how the object is grasped")
-    parser.add_argument("--object", required=True, help="an object of params.yaml")
-    arguments = parser.parse_args()
-    sys.exit(
-        run_stage(f"validate-{arguments.style}@{arguments.object}", lambda: main(arguments.style, arguments.object))
-    )
+    sys.exit(main())

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.compute.fan_out import Workers, fan_out
+from pipeline.compute.fan_out import Workers
+from pipeline.compute.pool import Calls, Work, run_one
+from pipeline.compute.shared import Shared
 from pipeline.hand.model import Hand, load_hand
 from pipeline.hand.support import PLANE, Support
 from pipeline.physics.holding import Holding
@@ -61,13 +63,25 @@ def validate_table(
         support: what the object stands on.
         hand: the Allegro when left out.
     """
+    return run_one(validation(candidates, prepared, settings, limits, support, hand), workers, label)
+
+
+def validation(
+    candidates: pd.DataFrame,
+    prepared: PreparedObject,
+    settings: PhysicsParameters,
+    limits: ValidateParameters,
+    support: Support = PLANE,
+    hand: Hand | None = None,
+) -> Work[pd.DataFrame]:
+    """Compute what :func:`validate_table` returns, candidate by candidate."""
     rows = candidates.sort_values("grasp_id", kind="stable").reset_index(drop=True)
     passed = [index for index in rows.index if rows.at[index, "rejected_by"] == ""]
     tested, left = passed[: limits.most_candidates], passed[limits.most_candidates :]
-    work = partial(_check, prepared=prepared, settings=settings, limits=limits)
     items = [candidate_of(rows.loc[index].to_dict(), support, hand) for index in tested]
     tasks = list(zip(items, _gravities_elsewhere(prepared, items, settings, limits), strict=True))
-    results = dict(zip(tested, fan_out(work, tasks, workers, label), strict=True))
+    with Shared((prepared, settings, limits)) as shared:
+        results = dict(zip(tested, (yield Calls(partial(_check, shared), tasks)), strict=True))
     rejected_by = rows["rejected_by"].tolist()
     for index in left:
         rejected_by[index] = NOT_TESTED
@@ -92,10 +106,9 @@ def _gravities_elsewhere(
 
 
 def _check(
+    shared: Shared[tuple[PreparedObject, PhysicsParameters, ValidateParameters]],
     task: tuple[Candidate, Holding | None],
-    prepared: PreparedObject,
-    settings: PhysicsParameters,
-    limits: ValidateParameters,
 ) -> dict[str, Any]:
+    prepared, settings, limits = shared.value
     candidate, holding = task
     return check_candidate(prepared, candidate, settings, limits, holding)

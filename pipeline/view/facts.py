@@ -118,7 +118,7 @@ def related(line: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, str]:
         }
     if view == "evaluate" and row["merged_id"] >= 0 and source in GRASP_FOLDERS:
         return {"its grasp": f"{GRASP_FOLDERS[source]}/{first}/{second}/{row['merged_id']}"}
-    if view == "train_reconstructed":
+    if view == "sample" and source == paths.RECONSTRUCTED:
         return {first: f"prepare/{first}", second: f"prepare/{second}"}
     return {"object": f"prepare/{first}"} if view == "reconstruct" else {}
 

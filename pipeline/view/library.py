@@ -22,7 +22,7 @@ from pipeline.records.reconstructions import (
 )
 from pipeline.records.tables import read_table
 from pipeline.view.rows import FAILURE, INDEX, PASSED, REJECTED, SUCCESS
-from pipeline.view.tables import TRIALS_VIEW, Table, known_tables
+from pipeline.view.tables import MERGED_VIEW, TRIALS_VIEW, Table, known_tables
 
 Read = TypeVar("Read")
 
@@ -99,17 +99,15 @@ class Library:
 
         known = read_truth(Path(self.parameters.captures[capture].folder))
         source = known.surfaces.get(name) if known else None
-        return None if source is None else self._once("truth", source, lambda: _mesh(source, capture))
+        return None if source is None else self._once("truth", source, lambda: _mesh(source))
 
 
-def _mesh(source: Path, capture: str) -> tuple[Any, Any]:
+def _mesh(source: Path) -> tuple[Any, Any]:
     try:
         mesh = read_geometry_file(source)
         return mesh.vertices.astype(float), mesh.faces.astype(int)
     except (ValueError, TypeError, LookupError, EOFError, OSError, AttributeError) as error:
-        raise UserError(
-            f"{source} is damaged ({error}); run `dvc repro capture@{capture}` to make it again."
-        ) from error
+        raise UserError(f"{source} is damaged ({error}); run `dvc repro capture` to make it again.") from error
 
 
 def _marker(table: Table) -> Path:
@@ -121,17 +119,16 @@ def _lines(table: Table) -> pd.DataFrame:
     if table.schema is None:
         if not _marker(table).exists():
             raise UserError(f"{table.file} is missing; run `dvc repro {table.stage}` to make it.")
-        line = [table.name, table.name, 0, 0, table.source, table.style, table.first, table.second, "", ""]
+        line = [table.name, table.name, 0, 0, table.source, table.style, table.first, "", "", ""]
         return pd.DataFrame([line], columns=list(INDEX))
-    trials = table.view == TRIALS_VIEW
-    wanted = [table.number, *(("object0", "object1", "reason", "success") if trials else ("rejected_by",))]
-    rows = _columns(table, table.schema, wanted)
+    trials, pairs = table.view == TRIALS_VIEW, table.view in (MERGED_VIEW, TRIALS_VIEW)
+    wanted = [table.number, *(("reason", "success") if trials else ("rejected_by",))]
+    rows = _columns(table, table.schema, [*wanted, *(("object0", "object1") if pairs else ())])
     fates = rows["reason" if trials else "rejected_by"].fillna("")
     good = rows["success"] if trials else fates == ""
-    first, second = (rows["object0"], rows["object1"]) if trials else (table.first, table.second)
+    first, second = (rows["object0"], rows["object1"]) if pairs else (table.first, "")
     numbers = rows[table.number].astype(int)
-    prefix = table.name + "/" + (rows["object0"] + "/" if trials and not table.first else "")
-    prefix += rows["object1"] + "/" if trials else ""
+    prefix = table.name + "/" + (first + "/" if not table.first else "") + (second + "/" if pairs else "")
     success, failure = (SUCCESS, FAILURE) if trials else (PASSED, REJECTED)
     return pd.DataFrame(
         {

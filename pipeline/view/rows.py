@@ -80,7 +80,7 @@ def tidy_name(text: str) -> str:
     """Return the name of a row as the index writes it.
 
     Taken too: names of trials as the report and `./dev replay` write them (``synthesized/cube/soup_can/3``), and paths
-    of tables (``data/merge/cube/soup_can.parquet``).
+    of tables (``data/merge/cube.parquet``).
     """
     parts = text.strip().strip("/").removeprefix("data/").removesuffix(".parquet").split("/")
     if parts[0] in (*paths.SOURCES, paths.RECONSTRUCTED, HARDER.strip("/")):

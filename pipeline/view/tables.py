@@ -1,13 +1,12 @@
 """Which tables and folders there are to look at, by params.yaml, and the stage that makes each.
 
 A row is named by where it lies under ``data/``: ``validate/pinch/cube/17`` is the grasp 17 of
-``data/validate/pinch/cube.parquet``. Tables of trials hold several pairs, so the second object stands before the
-number, and the first one too where it differs.
+``data/validate/pinch/cube.parquet``. Tables of two-object grasps and of trials hold several pairs, so the second object
+stands before the number, and the first one too where it differs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,12 +27,12 @@ PREFIXES = {
     "synthesize": CANDIDATES_VIEW,
     "validate": VALIDATED_VIEW,
     "merge": MERGED_VIEW,
-    "train": MERGED_VIEW,
-    "train_reconstructed": MERGED_VIEW,
+    "sample": MERGED_VIEW,
     "evaluate": TRIALS_VIEW,
     "reconstruct": RECONSTRUCTIONS,
 }
-GRASP_FOLDERS = {"synthesized": "merge", "learned": "train", paths.RECONSTRUCTED: "train_reconstructed"}
+# How the names of the grasps of a source begin.
+GRASP_FOLDERS = {"synthesized": "merge", "learned": "sample/learned", paths.RECONSTRUCTED: "sample/reconstructed"}
 HARDER = "harder/"  # how the sources of harder trials begin
 
 
@@ -49,7 +48,6 @@ class Table:
     source: str = ""  # of grasps and trials: who made them; of reconstructions: the capture
     style: str = ""
     first: str = ""  # the object, or the first of the pair
-    second: str = ""  # '' where rows name it
 
     @property
     def name(self) -> str:
@@ -71,16 +69,15 @@ def known_tables(parameters: Parameters) -> list[Table]:
 
 
 def _objects(parameters: Parameters) -> list[Table]:
-    stages = {name: f"prepare@{name}" for name in parameters.objects}
-    stages |= {name: f"prepare-mesh@{name}" for name in parameters.meshes}
-    return [Table(OBJECTS, paths.prepared_folder(name), stage, first=name) for name, stage in sorted(stages.items())]
+    names = sorted([*parameters.objects, *parameters.meshes])
+    return [Table(OBJECTS, paths.prepared_folder(name), "prepare", first=name) for name in names]
 
 
 def _grasps(parameters: Parameters) -> list[Table]:
     styles = {"pinch": parameters.styles.pinch, "side": parameters.styles.side}
     hand = load_hand(parameters.hand)
     return [
-        Table(view, file_of(style, name), f"{stage}-{style}@{name}", schema, "grasp_id", style=style, first=name)
+        Table(view, file_of(style, name), f"{stage}@{style}", schema, "grasp_id", style=style, first=name)
         for view, file_of, stage, schema in (
             (CANDIDATES_VIEW, paths.candidates_file, "synthesize", of_hand(CANDIDATES, hand.name, hand.joint_count)),
             (VALIDATED_VIEW, paths.validated_file, "validate", of_hand(VALIDATED, hand.name, hand.joint_count)),
@@ -90,40 +87,36 @@ def _grasps(parameters: Parameters) -> list[Table]:
     ]
 
 
+def _firsts(parameters: Parameters) -> dict[str, list[str]]:
+    """The first objects of all pairs, by source."""
+    firsts = [first for first, seconds in parameters.partners().items() if seconds]
+    return {**dict.fromkeys(paths.SOURCES, firsts), paths.RECONSTRUCTED: list(parameters.reconstructed)}
+
+
 def _pairs(parameters: Parameters) -> list[Table]:
-    every = dict.fromkeys(parameters.styles.pinch, parameters.styles.side)
-    photographed = {first: item.side for first, item in parameters.reconstructed.items()}
     return [
-        Table(MERGED_VIEW, file_of(first, second), f"{stage}@{first}", MERGED, "merged_id", source, "", first, second)
-        for source, file_of, stage, pairs in (
-            ("synthesized", paths.merged_file, "merge", every),
-            ("learned", paths.sampled_file, "sample", every),
-            (paths.RECONSTRUCTED, paths.reconstructed_file, "sample-reconstructed", photographed),
+        Table(
+            MERGED_VIEW,
+            paths.merged_file(first) if source == "synthesized" else paths.sampled_file(source, first),
+            "merge" if source == "synthesized" else f"sample@{source}",
+            MERGED,
+            "merged_id",
+            source,
+            first=first,
         )
-        for first, seconds in pairs.items()
-        for second in seconds
+        for source, names in _firsts(parameters).items()
+        for first in names
     ]
 
 
 def _trials(parameters: Parameters) -> list[Table]:
-    firsts: dict[str, Sequence[str]] = dict.fromkeys(paths.SOURCES, parameters.styles.pinch)
-    firsts[paths.RECONSTRUCTED] = list(parameters.reconstructed)
     standard = [
-        Table(
-            TRIALS_VIEW,
-            paths.trials_file(source, first),
-            f"evaluate-{source}@{first}",
-            TRIALS,
-            "trial",
-            source,
-            "",
-            first,
-        )
-        for source, names in firsts.items()
+        Table(TRIALS_VIEW, paths.trials_file(source, first), f"evaluate@{source}", TRIALS, "trial", source, first=first)
+        for source, names in _firsts(parameters).items()
         for first in names
     ]
     harder = [
-        Table(TRIALS_VIEW, paths.harder_file(name), f"evaluate-harder@{name}", TRIALS, "trial", HARDER + name)
+        Table(TRIALS_VIEW, paths.harder_file(name), "evaluate-harder", TRIALS, "trial", HARDER + name)
         for name in parameters.harder.settings
     ]
     return standard + harder
@@ -134,7 +127,7 @@ def _photos(parameters: Parameters) -> list[Table]:
         Table(
             RECONSTRUCTIONS,
             paths.reconstruction_folder(capture) / "objects" / name,
-            f"reconstruct@{capture}",
+            "reconstruct",
             source=capture,
             first=name,
         )

@@ -1,15 +1,14 @@
 """`./dev add-object FILE --style pinch|side|both`: a mesh file becomes an object of the pipeline.
 
 The object is prepared first, so that a mesh which cannot be used leaves no trace. Then the file is copied to
-`data/raw/`, entries are added to `params.yaml`, and DVC records the prepared folder, so that `dvc repro` goes on with
-the synthesis.
+`data/raw/` and entries are added to `params.yaml`. The prepared folder is there to look at: the stage `prepare` makes
+the same one again, as it makes whatever is new.
 """
 
 from __future__ import annotations
 
 import argparse
 import re
-import subprocess
 import sys
 import unicodedata
 from dataclasses import dataclass, replace
@@ -30,7 +29,6 @@ from pipeline.workspace.parameter_text import with_mesh
 if TYPE_CHECKING:
     from pipeline.prepare.sources import RawMesh
 
-RAW_FOLDER = Path("data/raw")
 STYLES = {"pinch": ["pinch"], "side": ["side"], "both": ["pinch", "side"]}
 UNITS = ("m", "cm", "mm", "inch")
 AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
@@ -81,7 +79,7 @@ def planned(chosen: argparse.Namespace, parameters: Parameters) -> Addition:
         raise UserError(f"params.yaml has an object {name} under `objects` already; give another --name.")
     if name in parameters.meshes and not chosen.force:
         raise UserError(f"params.yaml has an object {name} under `meshes` already; give another --name, or --force.")
-    target = RAW_FOLDER / f"{name}{source.suffix.lower()}"
+    target = paths.RAW_FOLDER / f"{name}{source.suffix.lower()}"
     if target.exists() and not chosen.force and target.read_bytes() != source.read_bytes():
         raise UserError(f"{target} is another file; give another --name, or --force to overwrite it.")
     asked = {key: getattr(chosen, key) for key in ("unit", "up", "turn", "scale", "fit_longest", "density")}
@@ -144,12 +142,6 @@ def write(addition: Addition, prepared: PreparedObject) -> None:
         temporary.write_text(text)
 
 
-def record(name: str) -> bool:
-    """Let DVC record the prepared folder as the result of its stage; return whether it could."""
-    command = [sys.executable, "-m", "dvc", "commit", "--force", "--quiet", f"prepare-mesh@{name}"]
-    return subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL).returncode == 0
-
-
 def add(chosen: argparse.Namespace) -> None:
     """Do the whole of the command.
 
@@ -165,9 +157,7 @@ def add(chosen: argparse.Namespace) -> None:
     prepared = prepare_object(addition.name, _shape(addition.entry), parameters.prepare, addition.raw)
     write(addition, prepared)
     print("\n".join(describe(addition, prepared)))
-    if not record(addition.name):
-        print("warning: DVC could not record the prepared object; `./dev repro` prepares it again.", file=sys.stderr)
-    stages = " ".join(f"validate-{style}@{addition.name}" for style in addition.styles)
+    stages = " ".join(f"validate@{style}" for style in addition.styles)
     print(f"Next: look at the picture; `./dev repro {stages}` for grasps of it alone, `./dev repro` for its pairs too.")
 
 

@@ -1,13 +1,9 @@
-"""Removes outputs of objects that `params.yaml` no longer names, and what killed stages and a killed DVC left behind.
+"""Removes what killed stages and a killed DVC left behind.
 
-DVC leaves the outputs of a removed object on disk. Stages that gather others' outputs read only the names listed in
-`params.yaml`, so such files never reach a result; but they would stay in the fingerprint of the gathered folder, and a
-fresh clone without them would do the gathering again. So they are removed before anything is gathered. All of them are
-still in DVC's cache: naming the object again brings them back.
-
-DVC writes two of its own files in place, so that a kill can cut them off, and refuses to run with either. Its list of
-who is busy is removed then. Its record `dvc.lock` is moved to `dvc.lock.damaged.tmp`: DVC knows all runs from its cache
-too, and restores their results instead of computing them.
+A stage that is killed while it writes leaves a temporary file or folder, which is worth nothing. DVC writes two of its
+own files in place, so that a kill can cut them off, and refuses to run with either. Its list of who is busy is removed
+then. Its record `dvc.lock` is moved to `dvc.lock.damaged.tmp`: DVC knows all runs from its cache too, and restores
+their results instead of computing them.
 """
 
 from __future__ import annotations
@@ -21,39 +17,11 @@ from pathlib import Path
 
 import yaml
 
-from pipeline.records.errors import UserError
-from pipeline.records.parameters import Parameters, read_parameters
 from pipeline.records.texts import parse_json, parse_yaml
 
 LOCK_FILE = Path("dvc.lock")
 BUSY_FILE = Path(".dvc/tmp/rwlock")
 TEMPORARY = re.compile(r"\..+\.(\d+)\.tmp")  # see records.writing
-
-
-def stray_outputs(parameters: Parameters) -> list[Path]:
-    """Return outputs below ``data`` whose object is no longer named for them, sorted."""
-    styles = {"pinch": parameters.styles.pinch, "side": parameters.styles.side}
-    wanted = {
-        Path("data/prepare"): [*parameters.objects, *parameters.meshes],
-        Path("data/capture"): list(parameters.renderings),
-        Path("data/reconstruct"): list(parameters.captures),
-    }
-    wanted[Path("data/train_reconstructed")] = list(parameters.reconstructed)
-    folders = {*wanted, Path("data/merge"), Path("data/train")}
-    for stage in ("synthesize", "validate"):
-        wanted |= {Path("data") / stage / style: names for style, names in styles.items()}
-    for gathered in ("merge", "train"):
-        wanted[Path("data") / gathered] = styles["pinch"]
-    wanted |= {folder: styles["pinch"] for folder in Path("data/evaluate").glob("*") if folder.is_dir()}
-    wanted[Path("data/evaluate/reconstructed")] = list(parameters.reconstructed)
-    wanted[Path("data/evaluate/harder")] = list(parameters.harder.settings)
-    return sorted(
-        entry
-        for folder, names in wanted.items()
-        for entry in folder.glob("*")
-        if (entry.suffix == ".parquet" or folder in folders) and entry.name.removesuffix(".parquet") not in names
-        if not entry.name.startswith(".")
-    )
 
 
 def _alive(process: int) -> bool:
@@ -117,9 +85,9 @@ def mend() -> list[Path]:
     return found
 
 
-def prune(parameters: Parameters) -> list[Path]:
-    """Remove stray and abandoned outputs and return their paths."""
-    removed = stray_outputs(parameters) + abandoned_files()
+def prune() -> list[Path]:
+    """Remove what :func:`abandoned_files` finds, and return it."""
+    removed = abandoned_files()
     for path in removed:
         if path.is_dir():
             shutil.rmtree(path)
@@ -130,16 +98,11 @@ def prune(parameters: Parameters) -> list[Path]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Command line of this module."""
-    parser = argparse.ArgumentParser(prog="python -m pipeline.workspace.prune", description=__doc__)
-    parser.parse_args(arguments)
-    for path in mend() if "DVC_STAGE" not in os.environ else []:  # as a stage's command it runs beside DVC
+    argparse.ArgumentParser(prog="python -m pipeline.workspace.prune", description=__doc__).parse_args(arguments)
+    for path in mend():
         print(f"put aside {path}: a killed DVC left it cut off; what it says is known from the cache", file=sys.stderr)
-    try:
-        for path in prune(read_parameters()):
-            print(f"removed {path}: params.yaml no longer asks for it", file=sys.stderr)
-    except UserError as error:
-        print(error, file=sys.stderr)
-        return 2
+    for path in prune():
+        print(f"removed {path}: a killed process left it half-written", file=sys.stderr)
     return 0
 
 

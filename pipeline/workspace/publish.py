@@ -2,7 +2,8 @@
 
 Copies what names and measures the run to a folder that git keeps: parameters, `dvc.lock` (the fingerprint of every
 input and output), metrics, costs, the heat maps, every trial's outcome, and the machine. With `--page`, the tables of
-that page (`<!-- table: name -->`) are written anew from it. Data stay in DVC's cache: `dvc push` shares them.
+that page (`<!-- table: name -->`) are written anew from it. Data stay in DVC's cache: `dvc push` shares them. Costs are
+those of each stage's latest run, so publish one in which nothing was taken from an earlier one (RECOMPUTE=1).
 """
 
 from __future__ import annotations
@@ -50,11 +51,12 @@ def all_trials(parameters: Parameters) -> pd.DataFrame:
         UserError: a table is missing or damaged.
     """
     files = {
-        (source, first): (paths.trials_file(source, first), f"evaluate-{source}@{first}")
+        (source, first): (paths.trials_file(source, first), f"evaluate@{source}")
         for source in paths.SOURCES
-        for first in parameters.styles.pinch
+        for first, seconds in parameters.partners().items()
+        if seconds
     }
-    files |= {(name, ""): (paths.harder_file(name), f"evaluate-harder@{name}") for name in parameters.harder.settings}
+    files |= {(name, ""): (paths.harder_file(name), "evaluate-harder") for name in parameters.harder.settings}
     parts = [read_table(file, TRIALS, stage)[COLUMNS].assign(table=key[0]) for key, (file, stage) in files.items()]
     return pd.concat(parts, ignore_index=True)[["table", *COLUMNS]]
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from pipeline.records.parameters.harder import SOURCE_OF
+from pipeline.records.parameters.pairs import partners
 from pipeline.report.paper import (
     MEAN_SUCCESS,
     MINIMUM_SUCCESS,
@@ -21,6 +21,8 @@ from pipeline.report.rates import PairTrials, mean, pair_trials, wilson_interval
 
 STANDARD = {"synthesized": "SG", "learned": "LG"}
 STAGES = ("prepare", "synthesize", "validate", "merge", "train", "sample", "evaluate", "evaluate-harder")
+# How results that were published before stages were named by style and source call these.
+EARLIER_SOURCES = {"data/merge": "synthesized", "data/train": "learned"}
 BLOCK = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 Parameters = Mapping[str, Any]
 
@@ -39,6 +41,12 @@ def percent(value: float, digits: int = 1) -> str:
 def spoken(name: str) -> str:
     """Return an object's name with spaces."""
     return name.replace("_", " ")
+
+
+def partners_of(parameters: Parameters) -> dict[str, tuple[str, ...]]:
+    """Return, for each first object, the objects that are picked after it."""
+    styles = parameters["styles"]
+    return partners(styles["pinch"], styles["side"], parameters.get("pairs", "all"), parameters["seed"])
 
 
 def of_pairs(trials: pd.DataFrame, pairs: Sequence[tuple[str, str]]) -> list[PairTrials]:
@@ -92,16 +100,16 @@ def headline(trials: pd.DataFrame, pairs: Sequence[tuple[str, str]]) -> str:
 
 def matrix(trials: pd.DataFrame, source: str, parameters: Parameters) -> str:
     """Successes of every pair; pairs that are never trained together in italics."""
-    own, styles = trials[trials["table"] == source], parameters["styles"]
+    own, seconds = trials[trials["table"] == source], parameters["styles"]["side"]
     unseen = [tuple(pair) for pair in parameters["train"]["data"]["held_out_pairs"]] if source == "learned" else []
     rows = []
-    for first in styles["pinch"]:
-        counts = of_pairs(own, [(first, second) for second in styles["side"]])
-        cells = [
-            f"*{pair.successes}*" if (pair.first, pair.second) in unseen else str(pair.successes) for pair in counts
-        ]
-        rows.append([spoken(first), *cells])
-    return markdown(["first \\ second", *map(spoken, styles["side"])], rows)
+    for first, tried in partners_of(parameters).items():
+        cells = dict.fromkeys(seconds, "")
+        for pair in of_pairs(own, [(first, second) for second in tried]):
+            mark = "*" if (first, pair.second) in unseen else ""
+            cells[pair.second] = f"{mark}{pair.successes}{mark}"
+        rows.append([spoken(first), *cells.values()])
+    return markdown(["first \\ second", *map(spoken, seconds)], rows)
 
 
 def failures(trials: pd.DataFrame, tables: Sequence[str]) -> str:
@@ -118,7 +126,10 @@ def harder(trials: pd.DataFrame, parameters: Parameters) -> str:
     """Successes of the pairs of harder settings beside those of the same standard trials."""
     section = parameters["harder"]
     pairs = [(first, second) for first, second in section["pairs"]]
-    sources = {name: SOURCE_OF[one["grasps"]] for name, one in section["settings"].items()}
+    sources = {
+        name: one["source"] if "source" in one else EARLIER_SOURCES[one["grasps"]]
+        for name, one in section["settings"].items()
+    }
     standard = list(dict.fromkeys(sources.values()))
     same = trials[trials["trial"] < section["trials"]]
     columns = {
@@ -142,33 +153,50 @@ def harder(trials: pd.DataFrame, parameters: Parameters) -> str:
 
 
 def single_grasps(summary: Mapping[str, Any], durations: Mapping[str, Any], parameters: Parameters) -> str:
-    """Chains, survivors and cost of every object beside the paper's Table I."""
+    """Chains and survivors of every object beside the paper's Table I, and what a style costs."""
     rows = []
     for style in ("pinch", "side"):
-        for name in parameters["styles"][style]:
-            key = f"validate.{style}.{name}"
-            cpu = sum(durations[f"{stage}-{style}@{name}"]["cpu_seconds"] for stage in ("synthesize", "validate"))
-            validated = summary[f"{key}.validated"]
+        names = parameters["styles"][style]
+        counts = {
+            name: [
+                int(summary[f"validate.{style}.{name}.optimised"]),
+                int(summary[f"synthesize.{style}.{name}.passed"]),
+                int(summary[f"validate.{style}.{name}.validated"]),
+            ]
+            for name in names
+        }
+        for name, own in counts.items():
             paper = SINGLE_GRASP_SUCCESS[style].get(name)
-            row = [spoken(name), style, str(summary[f"{key}.optimised"])]
-            row += [str(summary[f"synthesize.{style}.{name}.passed"]), str(validated)]
-            row += [percent(summary[f"{key}.survival_rate"], 0), "" if paper is None else percent(paper)]
-            rows.append([*row, f"{cpu / validated:.2f}" if validated else ""])
+            survival = percent(summary[f"validate.{style}.{name}.survival_rate"], 0)
+            row = [spoken(name), style, *map(str, own), survival, "" if paper is None else percent(paper), ""]
+            rows.append(row)
+        chains, passed, validated = (sum(own[column] for own in counts.values()) for column in range(3))
+        if validated:
+            stages = tuple(f"{stage}{mark}" for stage in ("synthesize", "validate") for mark in _marks(style))
+            cost = f"{_cpu_seconds(durations, stages) / validated:.2f}"
+            total = [str(chains), str(passed), str(validated), percent(validated / chains, 0)]
+            rows.append(["**all**", style, *total, "", cost])
     header = ["object", "style", "chains", "passed", "validated", "survival", "paper", "CPU s per validated"]
     return markdown(header, rows)
 
 
+def _marks(part: str) -> tuple[str, str]:
+    """How the name of a stage goes on for a style or a source: ``validate@pinch``, earlier ``validate-pinch@cube``."""
+    return f"@{part}", f"-{part}@"
+
+
+def _cpu_seconds(durations: Mapping[str, Mapping[str, float]], stages: tuple[str, ...]) -> float:
+    return sum(values["cpu_seconds"] for stage, values in durations.items() if stage.startswith(stages))
+
+
 def merges(summary: Mapping[str, Any], parameters: Parameters) -> str:
     """Share of the combinations that merge, in percent, of every pair."""
-    styles = parameters["styles"]
-    rows = [
-        [
-            spoken(first),
-            *(f"{100 * summary[f'merge.{first}--{second}.acceptance_rate']:.0f}" for second in styles["side"]),
-        ]
-        for first in styles["pinch"]
-    ]
-    return markdown(["first \\ second", *map(spoken, styles["side"])], rows)
+    seconds, rows = parameters["styles"]["side"], []
+    for first, tried in partners_of(parameters).items():
+        cells = dict.fromkeys(seconds, "")
+        cells |= {second: f"{100 * summary[f'merge.{first}--{second}.acceptance_rate']:.0f}" for second in tried}
+        rows.append([spoken(first), *cells.values()])
+    return markdown(["first \\ second", *map(spoken, seconds)], rows)
 
 
 def cost(durations: Mapping[str, Mapping[str, float]], trials: pd.DataFrame) -> str:
@@ -176,11 +204,12 @@ def cost(durations: Mapping[str, Mapping[str, float]], trials: pd.DataFrame) -> 
     rows = []
     for kind in STAGES:
         others = [stage for stage in STAGES if stage.startswith(f"{kind}-")]
+        left_out = (*others, *(f"{kind}{mark}" for mark in _marks("reconstructed")))
         own = {
             stage: values
             for stage, values in durations.items()
             if stage == kind or stage.startswith((f"{kind}-", f"{kind}@"))
-            if not stage.startswith((*others, f"{kind}-reconstructed"))
+            if not stage.startswith(left_out)
         }
         longest = max(own, key=lambda stage: own[stage]["wall_seconds"])
         wall, cpu = (sum(values[key] for values in own.values()) for key in ("wall_seconds", "cpu_seconds"))
@@ -188,14 +217,12 @@ def cost(durations: Mapping[str, Mapping[str, float]], trials: pd.DataFrame) -> 
         row = [f"`{kind}`", str(len(own)), f"{wall / 60:.1f}", f"{cpu / 60:.1f}"]
         rows.append([*row, f"{own[longest]['wall_seconds'] / 60:.1f} (`{longest}`)", f"{memory / 1000:.1f}"])
     standard = trials["table"].isin(list(STANDARD))
-    for name, kinds, count in (
-        ("standard", tuple(STANDARD), standard.sum()),
-        ("harder", ("harder",), (~standard).sum()),
+    for name, stages, count in (
+        ("standard", tuple(f"evaluate{mark}" for source in STANDARD for mark in _marks(source)), standard.sum()),
+        ("harder", ("evaluate-harder",), (~standard).sum()),
     ):
-        stages = tuple(f"evaluate-{kind}@" for kind in kinds)
-        cpu = sum(values["cpu_seconds"] for stage, values in durations.items() if stage.startswith(stages))
         if count:
-            rows.append([f"one {name} trial", "", "", f"{cpu / int(count):.2f} s", "", ""])
+            rows.append([f"one {name} trial", "", "", f"{_cpu_seconds(durations, stages) / int(count):.2f} s", "", ""])
     return markdown(["stage", "DVC stages", "wall, min", "CPU, min", "longest, min", "largest process, GB"], rows)
 
 
@@ -209,8 +236,7 @@ def published_tables(
         trials: all rows of the standard and the harder trials; ``table`` is the source or the setting.
         parameters: the content of ``params.yaml``.
     """
-    styles = parameters["styles"]
-    pairs = [(first, second) for first in styles["pinch"] for second in styles["side"]]
+    pairs = [(first, second) for first, seconds in partners_of(parameters).items() for second in seconds]
     return {
         "success": headline(trials, pairs),
         "synthesized": matrix(trials, "synthesized", parameters),

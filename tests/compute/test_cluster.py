@@ -1,7 +1,7 @@
 """The same function on workers of a Dask cluster."""
 
-import os
 import sys
+import time
 import warnings
 from functools import partial
 
@@ -9,21 +9,17 @@ import numpy as np
 import pytest
 
 from pipeline.compute import likeness
-from pipeline.compute.cluster import run_on_cluster
+from pipeline.compute.cluster import ClusterExecutor, connection
 from pipeline.compute.fan_out import fan_out
+from pipeline.compute.pool import run_on
 from pipeline.compute.shared import Shared
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.compute import ComputeParameters
-from tests.compute.items import draw, fail_on_three
+from tests.compute.items import counting, draw, fail_on_three, total, weighted
 
 pytest.importorskip("distributed", reason="needs the extra `cluster`")
 
 DASK = ComputeParameters(backend="dask", workers=2)
-
-
-def own_file(shared: Shared, factor: int) -> tuple[float, int, int, str]:
-    values = shared.value
-    return float(values.sum() * factor), id(values), os.getpid(), str(vars(shared))
 
 
 def threads(_: int) -> list[int]:
@@ -47,9 +43,31 @@ def test_what_is_shared_is_sent_once_and_by_no_file(monkeypatch):
     monkeypatch.setattr("tempfile.mkdtemp", lambda **_: 1 / 0)
     with Shared(np.arange(1000.0)) as shared:
         for _ in range(2):
-            results = fan_out(partial(own_file, shared), list(range(8)), DASK, "totals")
+            results = fan_out(partial(total, shared), list(range(8)), DASK, "totals")
             assert [value for value, *_ in results] == [499500.0 * factor for factor in range(8)]
     assert len({(identity, process) for _, identity, process, _ in results}) == len({p for _, _, p, _ in results})
+
+
+def test_several_shared_values_and_further_arguments():
+    with Shared(np.arange(4.0)) as first, Shared(np.ones(3)) as second:
+        function = partial(weighted, first, second, 0.5, sign=-1)
+        assert fan_out(function, [0, 1, 2], DASK, "weighted") == [-5.5, -8.5, -11.5]
+
+
+def test_workers_drop_what_is_no_longer_shared():
+    client = connection("", 2)
+    begin = set(kept_by_workers(client))
+    with Shared(np.arange(1000.0)) as shared:
+        fan_out(partial(total, shared), list(range(8)), DASK, "totals")
+        assert len(kept_by_workers(client) - begin) == 1
+    deadline = time.monotonic() + 10
+    while kept_by_workers(client) - begin and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not kept_by_workers(client) - begin
+
+
+def kept_by_workers(client) -> set[str]:
+    return {key for keys in client.has_what().values() for key in keys if str(key).startswith("shared-")}
 
 
 def test_libraries_of_workers_use_one_thread():
@@ -71,8 +89,6 @@ def test_dask_that_is_not_installed_is_one_sentence(monkeypatch):
 
 def test_an_unlike_worker_is_refused(monkeypatch):
     """The workers of the cluster know versions as they were when they began."""
-    from pipeline.compute.cluster import connection
-
     client = connection("", 2)
     for name, said in (
         ("sapien", "sapien is .* there and 0.0 here"),
@@ -81,7 +97,7 @@ def test_an_unlike_worker_is_refused(monkeypatch):
         other = likeness.circumstances() | {name: "0.0"}
         monkeypatch.setattr("pipeline.compute.cluster.circumstances", lambda other=other: other)
         with pytest.raises(UserError, match=rf"^the Dask worker tcp://\S+ would not compute the same bytes: .*{said}"):
-            list(run_on_cluster(draw, [1], [0], client, "unlike"))
+            run_on(ClusterExecutor(client), [("unlike", lambda: counting(0, 1))], "unlike", lambda *_: None)
 
 
 def test_the_code_s_fingerprint_sees_every_file(tmp_path):
@@ -108,4 +124,4 @@ def test_no_warning_reaches_the_user():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         with Shared(np.zeros(3_000_000)) as shared:  # more than what Dask calls a large graph
-            fan_out(partial(own_file, shared), [1, 2], DASK, "large")
+            fan_out(partial(total, shared), [1, 2], DASK, "large")

@@ -1,16 +1,15 @@
 """A process that is killed in the middle loses no work, on either backend."""
 
-import os
-import signal
 from functools import partial
-from pathlib import Path
 
 import pytest
 
 from pipeline.compute.fan_out import fan_out
-from pipeline.compute.losses import WorkersLost, until_all_done
+from pipeline.compute.losses import Losses
+from pipeline.compute.pool import run_all
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.compute import ComputeParameters
+from tests.compute.items import counted, counting, killed_always, killed_once, run_items
 
 pytest.importorskip("distributed", reason="needs the extra `cluster`")
 
@@ -18,69 +17,71 @@ PROCESSES = ComputeParameters(backend="processes", workers=2)
 DASK = ComputeParameters(backend="dask", workers=2)
 
 
-def killed_once(folder: Path, number: int) -> int:
-    """Kill the process that computes item 3, the first time; say who computed what."""
-    with open(folder / f"{number}", "a") as log:
-        log.write(f"{os.getpid()}\n")
-    if number == 3 and len((folder / "3").read_text().split()) == 1:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return number * number
-
-
-def killed_always(number: int) -> int:
-    if number == 1:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return number
-
-
 @pytest.mark.parametrize("compute", [PROCESSES, DASK], ids=["processes", "dask"])
 def test_a_killed_worker_loses_no_work(compute, tmp_path):
-    items = list(range(12))
+    items = list(range(40))
     assert fan_out(partial(killed_once, tmp_path), items, compute, "killed once") == [item * item for item in items]
-    tries = {item: (tmp_path / f"{item}").read_text().split() for item in items}
-    assert len(set(tries[3])) == 2  # in another process
-    # What had been done is not done again, but for what was under way or, with Dask, still in the killed worker.
-    assert sum(map(len, tries.values())) <= len(items) + 4
+    tries = [(tmp_path / f"{item}").read_text().split() for item in items]
+    assert len(set(tries[30])) == 2  # in another process
+    assert max(map(len, tries)) == 2
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("compute", [PROCESSES, DASK], ids=["processes", "dask"])
-def test_an_item_that_kills_whoever_has_it_is_named(compute):
-    with pytest.raises(
-        UserError, match=r"^deadly: item 2 of 4 ended [3-6] processes that computed it and nothing else"
-    ):
+def test_a_call_that_kills_whoever_has_it_is_named(compute):
+    with pytest.raises(UserError, match=r"^deadly: call 2 of 4 ended [3-6] processes"):
         fan_out(killed_always, list(range(4)), compute, "deadly")
 
 
-def simulated(deadly: int, innocent_too: int, log: list[list[int]]):
-    """Return a `run` whose processes die of one item, with others beside it when several are given."""
+@pytest.mark.slow
+def test_what_was_finished_before_a_killer_is_named_stays_finished():
+    results = {}
 
-    def run(numbers):
-        log.append(list(numbers))
-        for number in numbers:
-            if number == deadly:
-                raise WorkersLost(numbers[: innocent_too + 1], deaths=1)
-            yield number, 10 * number
+    def done(key, result):
+        results[key] = result
 
-    return run
+    works = [("first", lambda: counting(5, 2)), ("killer", lambda: counting(0, 1, killed_always))]
+    with pytest.raises(UserError, match="^killer: call 2 of 3 "):
+        run_all(works, PROCESSES, "test", done)
+    assert results == {"first": counted(5, 2)}
+    assert run_items({"later": lambda: counting(1, 2)}, PROCESSES) == {"later": counted(1, 2)}
+
+
+def losses() -> Losses[tuple[int, ...]]:
+    return Losses(
+        lambda batch: [(number,) for number in batch] if len(batch) > 1 else [batch], lambda batch: f"{batch[0]}"
+    )
 
 
 def test_suspects_run_alone_until_the_culprit_is_known():
-    log: list[list[int]] = []
-    results = {}
-    with pytest.raises(UserError, match="item 3 of 6 "):
-        for number, result in until_all_done(simulated(2, 3, log), 6, "some"):
-            results[number] = result
-    assert results == {0: 0, 1: 10}
-    assert log == [[0, 1, 2, 3, 4, 5], [2, 3, 4, 5], [2, 3, 4, 5], [2], [2], [2]]
+    """Call 2 kills; 1, 2 and 3 were sent together, and (4, 5) were with another worker that died."""
+    decided = losses()
+    batches = [(1, 2, 3), (4, 5)]
+    assert decided.lost(batches, 1) == batches and not decided.suspecting
+    assert decided.lost(batches, 1) == batches and not decided.suspecting
+    assert decided.lost(batches, 1) == [] and decided.suspecting
+    assert decided.next_alone() == (1, 2, 3)
+    assert decided.lost([(1, 2, 3)], 1) == []
+    alone = [decided.next_alone()]
+    decided.finished(alone[0])
+    for _ in range(2):
+        alone.append(decided.next_alone())
+        assert decided.lost([alone[-1]], 1) == []
+    alone.append(decided.next_alone())
+    with pytest.raises(UserError, match="^2 ended 3 "):
+        decided.lost([alone[-1]], 1)
+    assert alone == [(1,), (2,), (2,), (2,)]
 
 
-def test_a_death_by_chance_costs_nobody_the_blame():
-    deaths = iter([True, True, True, False, True, False])
-
-    def run(numbers):
-        if next(deaths, False):
-            raise WorkersLost(numbers[:2], deaths=1)
-        yield from ((number, number) for number in numbers)
-
-    assert dict(until_all_done(run, 5, "some")) == {number: number for number in range(5)}
+def test_deaths_by_chance_cost_nobody_the_blame():
+    decided = losses()
+    assert decided.lost([(1, 2)], 2) == [(1, 2)]
+    assert decided.lost([(7,), (8,)], 1) == []
+    for _ in range(2):
+        assert decided.next_alone() == (7,)
+        decided.lost([(7,)], 1)
+    for suspect in ((7,), (8,)):
+        assert decided.next_alone() == suspect
+        decided.finished(suspect)
+    assert not decided.suspecting
+    assert decided.lost([(9,)], 2) == [(9,)]  # from zero again

@@ -279,6 +279,22 @@ def test_command_writes_plan_and_dry_run(workplace: Path, capsys) -> None:
     assert "both objects were lifted and held" in capsys.readouterr().out
 
 
+def test_the_pair_of_a_table_of_several_is_named_by_its_second_object(workplace: Path, capsys) -> None:
+    rows = pd.read_parquet("grasps.parquet")
+    others = rows.assign(object1="plum", merged_id=range(len(rows)), rejected_by="")
+    write_table(Path("many.parquet"), pd.concat([others, rows]), MERGED)
+    assert command.main(["--table", "many.parquet"]) == 2
+    assert "holds several pairs; choose one of plum, slender_cylinder with --second" in capsys.readouterr().err
+    assert command.main(["--table", "many.parquet", "--second", "slender_cylinder", "--merged-id", "0"]) == 2
+    assert "was refused (gravity)" in capsys.readouterr().err  # that pair's, not the plum's
+    assert command.main(["--table", "many.parquet", "--second", "slender_cylinder"]) == 0
+    content = json.loads(Path("plan/plan.json").read_text())
+    assert [item["name"] for item in content["objects"]] == ["cube", "slender_cylinder"]
+    write_table(Path("none.parquet"), rows[:0], MERGED)
+    assert command.main(["--table", "none.parquet"]) == 2
+    assert "holds no grasp at all" in capsys.readouterr().err
+
+
 def test_command_refuses_to_export_what_the_hardware_cannot(workplace: Path, capsys) -> None:
     values = yaml.safe_load((workplace / "params.yaml").read_text())
     values["evaluate"]["open_seconds"] = 0.1
@@ -307,6 +323,10 @@ def test_command_refuses_to_export_what_the_hardware_cannot(workplace: Path, cap
         (["--output", "params.yaml/plan"], "cannot write params.yaml/plan"),
         (["--merged-id", "0"], "grasp 0 of grasps.parquet was refused (gravity)"),
         (["--merged-id", "7"], "grasps.parquet has no grasp 7"),
+        (
+            ["--second", "soup_can"],
+            "has no grasps that pick soup_can second; choose one of slender_cylinder with --second",
+        ),
         (["--place0", "0.9", "0", "0"], "cube would stand at x 0.9 m, y 0 m, not wholly on the sponge"),
         # its middle is on the sponge (up to 0.7), its edge, 21 mm farther, is not; then turned, by its corner
         (["--place0", "0.69", "0", "0"], "cube would stand at x 0.69 m, y 0 m, not wholly on the sponge"),
@@ -366,15 +386,15 @@ def test_capture_without_the_pair_is_one_sentence(captured: Path, capsys) -> Non
     assert command.main(["--table", "grasps.parquet", "--capture", "demo"]) == 2
     assert "the capture demo does not show cube, but other" in capsys.readouterr().err
     assert command.main(["--table", "grasps.parquet", "--capture", "absent"]) == 2
-    assert "run `dvc repro reconstruct@absent`" in capsys.readouterr().err
+    assert "run `dvc repro reconstruct`" in capsys.readouterr().err
 
 
 def test_tables_of_other_frames_are_refused(captured: Path, capsys) -> None:
     """The frames of reconstructed and of prepared objects have different origins; the pipeline's tables are known."""
     for table, options, sentence in (
-        ("data/train_reconstructed/cube/can.parquet", [], "as photos show them; name their capture with --capture"),
-        ("data/merge/cube/can.parquet", ["--capture", "demo"], "grasps of prepared objects, whose frames are not"),
-        ("data/train/cube/can.parquet", ["--capture", "demo"], "grasps of prepared objects, whose frames are not"),
+        ("data/sample/reconstructed/cube.parquet", [], "as photos show them; name their capture with --capture"),
+        ("data/merge/cube.parquet", ["--capture", "demo"], "grasps of prepared objects, whose frames are not"),
+        ("data/sample/learned/cube.parquet", ["--capture", "demo"], "grasps of prepared objects, whose frames are not"),
     ):
         Path(table).parent.mkdir(parents=True)
         Path(table).write_bytes(Path("grasps.parquet").read_bytes())

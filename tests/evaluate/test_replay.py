@@ -66,7 +66,7 @@ def write_grasps(grasp_row: dict, merged_id: int) -> None:
     row = dict.fromkeys(MERGED.names) | grasp_row
     row |= {"object0": "cube", "object1": "slender_cylinder", "merged_id": merged_id, "rejected_by": ""}
     rows = pd.DataFrame([row], columns=MERGED.names)
-    write_table(paths.merged_file("cube", "slender_cylinder"), rows, MERGED)
+    write_table(paths.merged_file("cube"), rows, MERGED)
 
 
 @pytest.fixture
@@ -146,7 +146,7 @@ def test_one_changed_bit_is_another_outcome(project: Path, capsys) -> None:
     assert told[2] == "1 of 2 trials, drawn from 2, have the same outcome to the last bit"
     assert command.main([NAME, "--no-view"]) == 1
     told = capsys.readouterr().out
-    assert "ANOTHER outcome than" in told and "columns that differ: reason, height1; `dvc status evaluate-" in told
+    assert "ANOTHER outcome than" in told and "columns that differ: reason, height1; `dvc status evaluate@" in told
     assert read_recording(RECORDING).about.outcome == "success (the table tells another outcome)"
 
 
@@ -172,7 +172,7 @@ def alter(change: str, grasp_row: dict) -> None:
     elif change == "grasps":
         write_grasps(grasp_row, merged_id=5)
     elif change == "no grasps":
-        paths.merged_file("cube", "slender_cylinder").unlink()
+        paths.merged_file("cube").unlink()
     elif change == "no table":
         TABLE.unlink()
 
@@ -184,7 +184,7 @@ def alter(change: str, grasp_row: dict) -> None:
         ("", ["taken/cube/slender_cylinder/1"], "there is no source 'taken'; use one of learned, reconstructed,"),
         ("", ["synthesized/cube/duck/1"], "has no trials of cube and duck; its second objects are slender_cylinder"),
         ("", ["synthesized/cube/slender_cylinder/2"], "has no trial 2 of this pair; its trials are 0 to 1"),
-        ("", ["synthesized/duck/cube/2"], "duck.parquet is missing; run `dvc repro evaluate-synthesized@duck`"),
+        ("", ["synthesized/duck/cube/2"], "duck.parquet is missing; run `dvc repro evaluate@synthesized`"),
         ("", ["absent.parquet"], "absent.parquet is missing; record the trial again"),
         ("", ["params.yaml.parquet"], "params.yaml.parquet is damaged or no recording of a trial"),
         ("", [str(TABLE)], "is damaged or no recording of a trial"),
@@ -192,8 +192,12 @@ def alter(change: str, grasp_row: dict) -> None:
         ("placement", [NAME], "was made with another evaluate.perturbation or evaluate.yaw_perturbation"),
         ("trials", [NAME], "has trial 1, but evaluate.trials in params.yaml is 1 now"),
         ("pair", [NAME], "params.yaml does not name the pair cube and slender_cylinder any more"),
-        ("grasps", [NAME], "has changed since data/evaluate/synthesized/cube.parquet was made: the trial used grasp 4"),
-        ("no grasps", [NAME], "slender_cylinder.parquet is missing; run `dvc repro merge@cube`"),
+        (
+            "grasps",
+            [NAME],
+            "have changed since data/evaluate/synthesized/cube.parquet was made: the trial used grasp 4",
+        ),
+        ("no grasps", [NAME], "data/merge/cube.parquet is missing; run `dvc repro merge`"),
         ("no table", ["--check", "3"], "there are no tables of trials under data/evaluate"),
     ],
 )

@@ -1,42 +1,18 @@
 """The command, in a folder of its own."""
 
-import json
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
-import trimesh
 import yaml
 
 from pipeline.merge import __main__ as stage
 from pipeline.records import paths
+from pipeline.records.objects import write_prepared_object
 from pipeline.records.parameters import read_parameters
 from pipeline.records.poses import position_quaternion
 from pipeline.records.tables import MERGED, VALIDATED, read_table, write_table
 from tests.merge.constructed import box, cylinder, pinch, side
-
-
-def write_prepared(prepared) -> None:
-    folder = paths.prepared_folder(prepared.name)
-    (folder / "parts").mkdir(parents=True)
-    mesh = trimesh.Trimesh(prepared.vertices, prepared.faces, process=False)
-    mesh.export(folder / "mesh.ply")
-    mesh.export(folder / "parts" / "00.ply")
-    np.save(folder / "distance.npy", prepared.distance)
-    surface = np.concatenate([prepared.surface_points, prepared.surface_normals], axis=1)
-    np.save(folder / "surface.npy", surface.astype(np.float32))
-    facts = {
-        "part_count": 1,
-        "distance_origin": prepared.distance_origin.tolist(),
-        "distance_spacing": prepared.distance_spacing,
-        "mass": prepared.mass,
-        "inertia": prepared.inertia.tolist(),
-        "volume": prepared.volume,
-        "extents": prepared.extents.tolist(),
-        "provenance": {},
-    }
-    (folder / "object.json").write_text(json.dumps(facts))
 
 
 def write_validated(style: str, name: str, grasp, fates: list[str]) -> None:
@@ -70,8 +46,8 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.argv", ["merge", "--object", "box"])
     paths.PARAMETERS_FILE.write_text(yaml.safe_dump(content))
-    write_prepared(box())
-    write_prepared(cylinder())
+    for prepared in (box(), cylinder()):
+        write_prepared_object(paths.prepared_folder(prepared.name), prepared)
     write_validated("pinch", "box", pinch(), ["", "gravity:-z", ""])
     write_validated("side", "cylinder", side(), ["", "distance"])
     return tmp_path

@@ -13,12 +13,11 @@ from pipeline.workspace import add_object
 
 
 @pytest.fixture
-def project(repository, empty_folder, monkeypatch):
-    """A folder with parameters that prepare fast, without DVC."""
+def project(repository, empty_folder):
+    """A folder with parameters that prepare fast."""
     content = yaml.safe_load((repository / "params.yaml").read_text())
     content["prepare"] |= {"distance_cells": 32, "surface_points": 2048}
     (empty_folder / "params.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
-    monkeypatch.setattr(add_object, "record", lambda name: True)
     return empty_folder
 
 
@@ -60,7 +59,7 @@ def test_a_file_becomes_an_object(project, box, capsys):
         "60.0 g",
         "convex parts  1",
         "40.0 mm wide: fits",
-        "./dev repro validate-pinch@",
+        "./dev repro validate@pinch validate@side`",
     ):
         assert words in done.out
     parameters = read_parameters()
@@ -83,7 +82,7 @@ def test_the_stage_makes_the_same_bytes_as_the_command(project, box, run_module,
     assert "taken as" not in capsys.readouterr().err
     before = files(project / "data/prepare/brick")
     shutil.rmtree(project / "data/prepare/brick")
-    done = run_module("pipeline.prepare", "--mesh", "brick", folder=project, env={"PYTHONPATH": str(repository)})
+    done = run_module("pipeline.prepare", "--object", "brick", folder=project, env={"PYTHONPATH": str(repository)})
     assert done.returncode == 0, done.stderr
     assert files(project / "data/prepare/brick") == before
     prepared = read_prepared_object(project / "data/prepare/brick")

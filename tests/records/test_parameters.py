@@ -61,8 +61,18 @@ def test_the_committed_file_is_valid(repository):
         ("validate.gravity_directions", ["down"], "validate.gravity_directions.0"),
         ("objects.cube.fit_longest", 0.05, "objects.cube: give extents or fit_longest, not both"),
         ("objects.plum", {"ycb": "018_plum", "scale": 2.0, "fit_longest": 0.05}, "give scale or fit_longest, not both"),
-        ("meshes.mug", {"file": "../mug.stl"}, "meshes.mug.file leads out of the repository"),
-        ("meshes.mug", {"file": "/tmp/mug.stl"}, "meshes.mug.file leads out of the repository"),
+        ("meshes.mug", {"file": "../mug.stl"}, "meshes.mug.file is not below data/raw"),
+        ("meshes.mug", {"file": "/tmp/mug.stl"}, "meshes.mug.file is not below data/raw"),
+        ("meshes.mug", {"file": "data/mug.stl"}, "meshes.mug.file is not below data/raw"),
+        ("meshes.mug", {"file": "data/raw"}, "meshes.mug.file is not below data/raw"),
+        ("meshes.mug", {"file": "data/raw/../mug.stl"}, "meshes.mug.file is not below data/raw"),
+        ("captures.mine", {"folder": "/tmp/photos"}, "captures.mine.folder is neither a rendering's"),
+        ("captures.mine", {"folder": "data/capture/gone"}, "captures.mine.folder is neither a rendering's"),
+        ("captures.mine", {"folder": "data/raw/../photos"}, "captures.mine.folder is neither a rendering's"),
+        ("pairs", 0, "pairs"),
+        ("pairs", "some", "pairs"),
+        ("pairs", [["cube", "plum"]], "pairs: cube is not in styles.pinch, or plum is not in styles.side"),
+        ("pairs", [["cube", "soup_can"]] * 2, "pairs names a pair twice"),
         ("meshes.mug", {"file": "data/raw/mug.stl", "unit": "ell"}, "meshes.mug.unit"),
         ("objects.cube.file", "data/raw/cube.stl", "objects.cube.file: unknown parameter"),
         ("meshes.cube", {"file": "data/raw/cube.stl"}, "the name 'cube' is in objects and in meshes"),
@@ -74,12 +84,12 @@ def test_the_committed_file_is_valid(repository):
         (
             "harder.pairs",
             [["cube", "lemon"]],
-            "harder.pairs: cube then lemon is no pair of styles.pinch and styles.side",
+            "harder.pairs: cube then lemon is no pair of styles and pairs",
         ),
         ("harder.pairs", [["cube", "soup_can"]] * 2, "harder: pairs names a pair twice"),
         ("harder.pairs", [], "harder: pairs is empty, so no setting would be tried"),
         ("harder.trials", 26, "harder.trials must not exceed evaluate.trials (25)"),
-        ("harder.settings.placement.grasps", "data/raw", "harder.settings.placement.grasps: Input should be"),
+        ("harder.settings.placement.source", "guessed", "harder.settings.placement.source: Input should be"),
         ("harder.settings.placement.evaluate.trials", 2, "trials are set by harder.trials for all settings"),
         ("harder.settings.placement.physics.friction", 1, "placement.physics: friction: unknown parameter (misspelt?)"),
         (
@@ -89,12 +99,18 @@ def test_the_committed_file_is_valid(repository):
         ),
         ("harder.settings.placement.evaluate.lift_height", 0.1, "lift_height must be larger than success_height"),
         ("harder.settings.placement.physics.frequency", 400, "frequencies are the same in all settings"),
-        ("harder.settings.Windy", {"grasps": "data/merge", "evaluate": {}, "physics": {}}, "harder setting 'Windy'"),
+        ("harder.settings.Windy", {"source": "synthesized", "evaluate": {}, "physics": {}}, "harder setting 'Windy'"),
         ("prepare.surface_points", 1000, "synthesize.energy.object_points must not exceed prepare.surface_points"),
     ],
 )
 def test_a_wrong_value_is_named_in_one_sentence(content, check, path, value, words):
     assert words in check(with_value(content, path, value))
+
+
+@pytest.mark.parametrize("folder", ["data/raw/my_capture", "data/raw/lab/monday/", "data/capture/demo/"])
+def test_photos_may_lie_in_the_raw_folder_or_be_a_rendering(content, tmp_path, folder):
+    (tmp_path / "params.yaml").write_text(yaml.safe_dump(with_value(content, "captures.mine", {"folder": folder})))
+    assert read_parameters(tmp_path / "params.yaml").captures["mine"].folder == folder
 
 
 def test_a_missing_section_is_named(content, check):

@@ -12,6 +12,7 @@ from pipeline.records.tables import MERGED, VALIDATED, write_table
 
 PINCH, SIDE = ("cube", "plum"), ("can",)
 STYLES = {"pinch": list(PINCH), "side": list(SIDE)}
+PARAMETERS = {"seed": 1, "styles": STYLES, "pairs": "all"}  # of params.yaml, as far as sharing reads it
 
 
 def _unit(generator: np.random.Generator, size: int) -> list[float]:
@@ -67,11 +68,10 @@ def merged(first: str, second: str, generator: np.random.Generator) -> pd.DataFr
 def write_tables(root: Path, *, learned: bool = True) -> None:
     """Write merged, learned and single grasps of all pairs below ``root``."""
     generator = np.random.default_rng(7)
-    files = (paths.merged_file, paths.sampled_file) if learned else (paths.merged_file,)
     for first in PINCH:
-        for second in SIDE:
-            for file_of in files:
-                write_table(root / file_of(first, second), merged(first, second, generator), MERGED)
+        files = [paths.merged_file(first), *([paths.sampled_file("learned", first)] if learned else [])]
+        for file in files:
+            write_table(root / file, pd.concat([merged(first, second, generator) for second in SIDE]), MERGED)
     for style, names in STYLES.items():
         for name in names:
             write_table(root / paths.validated_file(style, name), validated(name, style, generator), VALIDATED)

@@ -13,16 +13,16 @@ import pytest
 import yaml
 
 from pipeline.records.errors import UserError
-from pipeline.records.tables import MERGED
+from pipeline.records.tables import MERGED, write_table
 from pipeline.share import GRASP_COLUMNS, load_grasps
-from tests.share.made_up import STYLES, write_tables
+from tests.share.made_up import PARAMETERS, merged, write_tables
 
 
 @pytest.fixture
 def folder(tmp_path):
     """A working folder with two pairs."""
     write_tables(tmp_path)
-    (tmp_path / "params.yaml").write_text(yaml.safe_dump({"styles": STYLES}))
+    (tmp_path / "params.yaml").write_text(yaml.safe_dump(PARAMETERS))
     return tmp_path
 
 
@@ -37,7 +37,7 @@ def test_accepted_grasps_of_all_pairs_with_the_documented_columns(folder):
 
 
 def test_values_are_those_of_the_tables(folder):
-    rows = pd.read_parquet(folder / "data/merge/plum/can.parquet")
+    rows = pd.read_parquet(folder / "data/merge/plum.parquet")
     loaded = load_grasps(folder, first="plum", only_accepted=False)
     pd.testing.assert_frame_equal(loaded.drop(columns="source"), rows)
 
@@ -50,8 +50,25 @@ def test_filters(folder):
     assert both["source"].value_counts().to_dict() == {"synthesized": 8, "learned": 8}
 
 
+def test_pairs_are_those_of_the_parameter_each_with_its_own_rows(folder):
+    generator = np.random.default_rng(1)
+    tables = {second: merged("cube", second, generator) for second in ("jar", "can", "tin")}
+    tables["jar"]["sweep_penetrations"] = [0, None, 1, 2, 3]
+    tables["can"]["sweep_penetrations"] = [4, 5, 6, 7, 8]
+    write_table(folder / "data/merge/cube.parquet", pd.concat(tables.values()), MERGED)
+    names = {"pinch": ["cube"], "side": ["jar", "can", "tin"]}
+    chosen = PARAMETERS | {"styles": names, "pairs": [["cube", "can"], ["cube", "jar"]]}
+    (folder / "params.yaml").write_text(yaml.safe_dump(chosen))
+    grasps = load_grasps(folder, only_accepted=False)
+    assert list(grasps["object1"]) == ["jar"] * 5 + ["can"] * 5  # in the order of the styles
+    np.testing.assert_array_equal(np.stack(grasps["q"][5:]), np.stack(tables["can"]["q"]))
+    alone = load_grasps(folder, second="can", only_accepted=False)
+    write_table(folder / "data/merge/cube.parquet", tables["can"], MERGED)  # as if there were no other pair
+    pd.testing.assert_frame_equal(load_grasps(folder, second="can", only_accepted=False), alone)
+
+
 def test_tables_of_objects_that_are_no_longer_named_are_left_out(folder):
-    shutil.copytree(folder / "data/merge/cube", folder / "data/merge/stranger")
+    shutil.copy(folder / "data/merge/cube.parquet", folder / "data/merge/stranger.parquet")
     assert len(load_grasps(folder)) == 8
 
 
@@ -62,10 +79,10 @@ def sentence(error: pytest.ExceptionInfo) -> str:
 
 
 def test_a_missing_table_says_how_to_get_it(folder):
-    (folder / "data/merge/plum/can.parquet").unlink()
+    (folder / "data/merge/plum.parquet").unlink()
     with pytest.raises(UserError) as error:
         load_grasps(folder)
-    assert re.search(r"data/merge/plum/can\.parquet is missing; run `dvc pull merge@plum` there", sentence(error))
+    assert re.search(r"data/merge/plum\.parquet is missing; run `dvc pull merge` there", sentence(error))
     assert len(load_grasps(folder, first="cube")) == 4
 
 
@@ -90,7 +107,15 @@ def test_unknown_names_are_listed_with_the_known_ones(folder, asked, said):
         ("{}", "does not list objects"),
         ("styles: {pinch: 3, side: []}", "does not list objects"),
         ("styles: {pinch: [../../secret], side: [can]}", "names an object '../../secret'"),
-        ("styles: {pinch: [], side: []}", "names no pair of objects"),
+        ("{styles: {pinch: [], side: []}, pairs: all, seed: 1}", "names no such pair of objects"),
+        ("{styles: {pinch: [cube], side: [can]}, pairs: [], seed: 1}", "names no such pair of objects"),
+        ("{styles: {pinch: [cube], side: [can]}, seed: 1}", "has no `pairs`: another version"),
+        ("{styles: {pinch: [cube], side: [can]}, pairs: all}", "says neither by `pairs` nor by `seed`"),
+        ("{styles: {pinch: [cube], side: [can]}, pairs: -1, seed: 1}", "says neither by `pairs` nor by `seed`"),
+        (
+            "{styles: {pinch: [cube], side: [can]}, pairs: [[cube, 3]], seed: 1}",
+            "says neither by `pairs` nor by `seed`",
+        ),
         ("!!python/object/apply:os.system ['touch ran']", "does not list objects"),
     ],
 )
@@ -110,7 +135,7 @@ def test_a_folder_that_is_no_clone(tmp_path):
 
 
 def test_damaged_tables_and_those_of_other_versions_are_refused(folder):
-    path = folder / "data/merge/cube/can.parquet"
+    path = folder / "data/merge/cube.parquet"
     whole = path.read_bytes()
     for content in (b"", whole[: len(whole) // 2], b"\x80\x04junk"):
         path.write_bytes(content)
@@ -130,15 +155,7 @@ def test_damaged_tables_and_those_of_other_versions_are_refused(folder):
 
 
 def test_columns_that_a_later_version_adds_do_no_harm(folder):
-    path = folder / "data/merge/cube/can.parquet"
+    path = folder / "data/merge/cube.parquet"
     table = pq.read_table(path)
     pq.write_table(table.append_column("mood", pa.array([1.0] * len(table))), path)
     assert list(load_grasps(folder).columns) == ["source", *MERGED.names]
-
-
-def test_records_offers_the_function_too():
-    import pipeline.records
-
-    assert pipeline.records.load_grasps is load_grasps
-    with pytest.raises(AttributeError, match="no attribute 'load_things'"):
-        pipeline.records.load_things  # noqa: B018

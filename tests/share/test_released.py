@@ -15,14 +15,14 @@ from pipeline.hand.allegro import load_hand
 from pipeline.records.objects import write_mesh
 from pipeline.share import export
 from pipeline.share.released import released_contact_indices
-from tests.share.made_up import STYLES, write_tables
+from tests.share.made_up import PARAMETERS, STYLES, write_tables
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """A working folder with two pairs, and the meshes of their objects: boxes of three different sides."""
     write_tables(tmp_path)
-    (tmp_path / "params.yaml").write_text(yaml.safe_dump({"styles": STYLES}))
+    (tmp_path / "params.yaml").write_text(yaml.safe_dump(PARAMETERS))
     for name in (*STYLES["pinch"], *STYLES["side"]):
         box = trimesh.creation.box((0.02, 0.04, 0.06))
         (tmp_path / f"data/prepare/{name}").mkdir(parents=True)
@@ -82,7 +82,7 @@ def test_pairs_have_the_schema_and_are_divided_by_their_contacts(folder, capsys)
 
 def test_a_mesh_with_y_up_is_placed_where_the_grasp_has_the_object(folder):
     run("pairs.h5", "--no-contacts", "--meshes", "meshes")
-    rows = pd.concat([pd.read_parquet(f"data/merge/{name}/can.parquet") for name in STYLES["pinch"]])
+    rows = pd.concat([pd.read_parquet(f"data/merge/{name}.parquet") for name in STYLES["pinch"]])
     rows = rows[rows["rejected_by"] == ""].reset_index()
     upright = trimesh.load_mesh("meshes/plum.stl", process=False).triangles_center
     lying = trimesh.load_mesh("meshes/plum.obj", process=False)
@@ -100,7 +100,7 @@ def test_a_mesh_with_y_up_is_placed_where_the_grasp_has_the_object(folder):
 
 def test_a_pair_keeps_what_its_single_grasps_were(folder):
     run("pairs.h5", "--first", "plum")
-    rows = pd.read_parquet("data/merge/plum/can.parquet")
+    rows = pd.read_parquet("data/merge/plum.parquet")
     rows = rows[rows["rejected_by"] == ""]
     single = pd.read_parquet("data/validate/pinch/plum.parquet").set_index("grasp_id")
     hand = load_hand()

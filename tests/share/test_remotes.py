@@ -19,19 +19,16 @@ import yaml
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.share import load_grasps
-from tests.share.made_up import PINCH, SIDE, STYLES, write_tables
+from tests.share.made_up import PARAMETERS, PINCH, write_tables
 from tests.share.servers import s3, sshd
 
 PIPELINE = """
 stages:
   merge:
-    foreach: ${styles.pinch}
-    do:
-      cmd: python make.py merge ${item}
-      deps: [make.py]
-      params: [seed]
-      outs:
-      - data/merge/${item}
+    cmd: python make.py merge
+    deps: [make.py]
+    params: [seed]
+    outs: [data/merge]
   report:
     cmd: python make.py report
     deps: [make.py, data/merge]
@@ -45,7 +42,7 @@ with open(os.environ["STAGES_THAT_RAN"], "a") as log:
     print(*sys.argv[1:], file=log)
 if sys.argv[1] == "merge":
     seed = open("params.yaml").read().split("seed: ")[1].split()[0]
-    shutil.copytree(f"made/{seed}/data/merge/{sys.argv[2]}", f"data/merge/{sys.argv[2]}")
+    shutil.copytree(f"made/{seed}/data/merge", "data/merge")
 else:
     os.makedirs("reports", exist_ok=True)
     open("reports/index.html", "w").write("a page")
@@ -84,7 +81,7 @@ def commit(folder: Path, message: str) -> None:
 
 
 def set_seed(folder: Path, seed: int) -> None:
-    (folder / "params.yaml").write_text(yaml.safe_dump({"seed": seed, "styles": STYLES}))
+    (folder / "params.yaml").write_text(yaml.safe_dump(PARAMETERS | {"seed": seed}))
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +118,7 @@ def owner(place):
     for seed in (2, 1):
         set_seed(root, seed)
         dvc(root, "repro")
-    assert len((place / "ran").read_text().splitlines()) == 5  # the page follows from equal tables
+    assert len((place / "ran").read_text().splitlines()) == 3  # the page follows from equal tables
     commit(root, "Results")
     return root
 
@@ -179,7 +176,7 @@ def same(folder: Path, shared: Shared, path: Path) -> bool:
 def test_a_clone_restores_everything_and_runs_nothing(shared, clone, ran):
     dvc(clone, "repro", "--pull")
     assert ran() == []
-    tables = [paths.merged_file(first, second) for first in PINCH for second in SIDE]
+    tables = [paths.merged_file(first) for first in PINCH]
     assert all(same(clone, shared, path) for path in [*tables, paths.REPORT_PAGE])
     assert "up to date" in dvc(clone, "status")
     assert "in sync" in dvc(clone, "status", "--cloud")
@@ -187,14 +184,14 @@ def test_a_clone_restores_everything_and_runs_nothing(shared, clone, ran):
 
 @slow_elsewhere
 def test_one_object_s_grasps_can_be_pulled_alone(shared, clone):
-    dvc(clone, "pull", "merge@cube")
-    assert same(clone, shared, paths.merged_file("cube", "can"))
-    assert not (clone / "data/merge/plum").exists()
+    dvc(clone, "pull", "data/merge/cube.parquet")
+    assert same(clone, shared, paths.merged_file("cube"))
+    assert not (clone / paths.merged_file("plum")).exists()
     fetched = [path for path in (clone / ".dvc/cache/files").rglob("*") if path.is_file()]
     assert len(fetched) == 2  # the list of the folder and its table
     assert len(load_grasps(clone, first="cube")) == 4
-    dvc(clone, "pull", "data/merge/plum/can.parquet")  # and one pair of an object
-    assert same(clone, shared, paths.merged_file("plum", "can"))
+    dvc(clone, "pull", "merge")  # and all others
+    assert same(clone, shared, paths.merged_file("plum"))
 
 
 @everywhere
@@ -209,15 +206,13 @@ def test_grasps_are_loaded_from_an_address_and_a_revision(shared, tmp_path, monk
 def test_another_project_gets_and_imports_grasps(shared, tmp_path):
     git(tmp_path, "init", "--quiet")
     dvc(tmp_path, "init", "--quiet")
-    dvc(tmp_path, "get", shared.address, "data/merge/cube", "--out", "cube")
-    dvc(tmp_path, "import", shared.address, "data/merge/plum", "--out", "plum")
+    dvc(tmp_path, "get", shared.address, "data/merge/cube.parquet", "--out", "cube.parquet")
+    dvc(tmp_path, "import", shared.address, "data/merge/plum.parquet", "--out", "plum.parquet")
     for name in PINCH:
-        assert (tmp_path / name / "can.parquet").read_bytes() == (
-            shared.owner / paths.merged_file(name, "can")
-        ).read_bytes()
-    (dependency,) = yaml.safe_load((tmp_path / "plum.dvc").read_text())["deps"]
+        assert (tmp_path / f"{name}.parquet").read_bytes() == (shared.owner / paths.merged_file(name)).read_bytes()
+    (dependency,) = yaml.safe_load((tmp_path / "plum.parquet.dvc").read_text())["deps"]
     assert dependency["repo"]["url"] == shared.address and len(dependency["repo"]["rev_lock"]) == 40
-    dvc(tmp_path, "update", "plum.dvc")
+    dvc(tmp_path, "update", "plum.parquet.dvc")
 
 
 @slow_elsewhere
@@ -226,8 +221,8 @@ def test_what_somebody_tried_before_is_not_computed_again(shared, clone, ran):
     set_seed(clone, 2)
     dvc(clone, "repro", "--pull")
     assert [line for line in ran() if line.startswith("merge")] == []
-    made = clone / "made/2" / paths.merged_file("cube", "can")
-    assert (clone / paths.merged_file("cube", "can")).read_bytes() == made.read_bytes()
+    made = clone / "made/2" / paths.merged_file("cube")
+    assert (clone / paths.merged_file("cube")).read_bytes() == made.read_bytes()
 
 
 # --- what can be missing
@@ -246,7 +241,7 @@ def test_data_that_were_never_pushed(owner, tmp_path):
     assert "ask its owner to name a DVC remote in .dvc/config" in refused(f"file://{tmp_path}/project")
     dvc(tmp_path / "project", "remote", "add", "--default", "lab", str(tmp_path / "storage"))
     commit(tmp_path / "project", "Name the remote")
-    assert "can.parquet of file://" in refused(f"file://{tmp_path}/project")
+    assert "cube.parquet of file://" in refused(f"file://{tmp_path}/project")
 
 
 def test_an_address_or_a_revision_that_is_not_there(owner, tmp_path):

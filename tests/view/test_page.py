@@ -11,6 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from PIL import Image
 
@@ -52,7 +53,7 @@ def project(bare: Path) -> Path:
     for style, name in (("pinch", "cube"), ("side", "soup_can")):
         write_table(paths.candidates_file(style, name), made_up.candidates(style, name), CANDIDATES)
         write_table(paths.validated_file(style, name), made_up.validated(style, name), VALIDATED)
-    write_table(paths.merged_file("cube", "soup_can"), made_up.merged("cube", "soup_can"), MERGED)
+    write_table(paths.merged_file("cube"), made_up.merged("cube", "soup_can"), MERGED)
     write_table(paths.trials_file("synthesized", "cube"), made_up.trials("cube", ["soup_can"]), TRIALS)
     write_table(paths.harder_file("placement"), made_up.trials("cube", ["soup_can"]), TRIALS)
     return bare
@@ -74,17 +75,12 @@ def test_every_missing_table_names_the_stage_that_makes_it(bare: Path) -> None:
     library = Library(read_parameters())
     said = {view: " ".join(library.index(view)[1]) for view in VIEWS}
     for view, stages in {
-        OBJECTS: ["prepare@cube", "prepare@soup_can"],
-        CANDIDATES_VIEW: ["synthesize-pinch@cube", "synthesize-side@soup_can"],
-        VALIDATED_VIEW: ["validate-pinch@cube", "validate-side@soup_can"],
-        MERGED_VIEW: ["merge@cube", "sample@cube", "sample-reconstructed@cube"],
-        TRIALS_VIEW: [
-            "evaluate-synthesized@cube",
-            "evaluate-learned@cube",
-            "evaluate-reconstructed@cube",
-            "evaluate-harder@placement",
-        ],
-        RECONSTRUCTIONS: ["reconstruct@demo"],
+        OBJECTS: ["prepare"],
+        CANDIDATES_VIEW: ["synthesize@pinch", "synthesize@side"],
+        VALIDATED_VIEW: ["validate@pinch", "validate@side"],
+        MERGED_VIEW: ["merge", "sample@learned", "sample@reconstructed"],
+        TRIALS_VIEW: ["evaluate@synthesized", "evaluate@learned", "evaluate@reconstructed", "evaluate-harder"],
+        RECONSTRUCTIONS: ["reconstruct"],
     }.items():
         assert all(f"run `dvc repro {stage}` to make it" in said[view] for stage in stages), said[view]
 
@@ -116,13 +112,23 @@ def test_a_row_is_that_of_the_table(project: Path) -> None:
     np.testing.assert_array_equal(library.row(line)["q"], np.full(16, 0.1))
 
 
+def test_pairs_share_a_table_and_have_rows_of_their_own(project: Path) -> None:
+    pairs = [made_up.merged("cube", "soup_can"), made_up.merged("cube", "mug", accepted=3)]
+    write_table(paths.merged_file("cube"), pd.concat(pairs), MERGED)
+    library = Library(read_parameters())
+    index = library.index(MERGED_VIEW)[0].set_index("name", drop=False)
+    assert list(index["second"]) == ["soup_can"] * 3 + ["mug"] * 4
+    row = library.row(index.loc["merge/cube/mug/2"])
+    assert (row["object1"], row["merged_id"]) == ("mug", 2)
+
+
 def test_tables_are_read_again_when_they_change_and_only_then(project: Path) -> None:
     library = Library(read_parameters())
     line = library.index(MERGED_VIEW)[0].iloc[2]
     assert library.index(MERGED_VIEW)[0].equals(library.index(MERGED_VIEW)[0])
-    first = library._once("index", paths.merged_file("cube", "soup_can"), lambda: pytest.fail("was not kept"))
+    first = library._once("index", paths.merged_file("cube"), lambda: pytest.fail("was not kept"))
     assert len(first) == 3
-    write_table(paths.merged_file("cube", "soup_can"), made_up.merged("cube", "soup_can", accepted=1), MERGED)
+    write_table(paths.merged_file("cube"), made_up.merged("cube", "soup_can", accepted=1), MERGED)
     assert len(library.index(MERGED_VIEW)[0]) == 2
     with pytest.raises(UserError, match="has no row 2 any more"):
         library.row(line)
@@ -132,7 +138,7 @@ def test_a_damaged_table_is_a_sentence_beside_the_others(project: Path) -> None:
     paths.candidates_file("pinch", "cube").write_bytes(b"PAR1 and nothing more")
     index, sentences = Library(read_parameters()).index(CANDIDATES_VIEW)
     assert set(index["first"]) == {"soup_can"}
-    assert len(sentences) == 1 and "damaged" in sentences[0] and "`dvc repro synthesize-pinch@cube`" in sentences[0]
+    assert len(sentences) == 1 and "damaged" in sentences[0] and "`dvc repro synthesize@pinch`" in sentences[0]
 
 
 def test_page_begins_with_the_objects(page: Page) -> None:
@@ -175,12 +181,12 @@ def test_page_leads_through_every_view(page: Page) -> None:
 
 def test_page_says_what_it_cannot_show_and_stays(page: Page) -> None:
     page._act(lambda: page._turn_to(RECONSTRUCTIONS))
-    assert "run `dvc repro reconstruct@demo`" in page.notice.content and not page._shown
+    assert "run `dvc repro reconstruct`" in page.notice.content and not page._shown
     page.go_to("merge/cube/soup_can/9")
     assert "there is no row" in page.notice.content
     paths.prepared_folder("cube").joinpath("object.json").unlink()
     page.go_to("merge/cube/soup_can/0")
-    assert "run `dvc repro prepare@cube`" in page.notice.content and page.notice.visible
+    assert "run `dvc repro prepare`" in page.notice.content and page.notice.visible
 
 
 def test_a_click_leads_to_the_row(page: Page) -> None:
@@ -226,7 +232,7 @@ def test_server_starts_where_no_stage_has_run(bare: Path, repository: Path) -> N
         address = server.stdout.readline().split()[0]
         with urllib.request.urlopen(address, timeout=30) as answer:
             assert answer.status == 200 and b"<html" in answer.read().lower()
-        assert b"dvc repro prepare@cube" in first_text(address)
+        assert b"dvc repro prepare`" in first_text(address)
     finally:
         server.send_signal(signal.SIGINT)
         _, errors = server.communicate(timeout=60)
@@ -249,7 +255,7 @@ def first_text(address: str) -> bytes:
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["merge/cube/soup_can/3"], "data/merge/cube/soup_can.parquet is missing; run `dvc repro merge@cube`"),
+        (["merge/cube/soup_can/3"], "data/merge/cube.parquet is missing; run `dvc repro merge`"),
         (["nonsense"], "'nonsense' names no row"),
         (["--host", "203.0.113.1"], "nothing can be served on --host 203.0.113.1"),
     ],

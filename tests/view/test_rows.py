@@ -25,14 +25,14 @@ MERGED = index(
     ("merge/cube/can/1", "synthesized", "cube", "can", "gravity"),
     ("merge/cube/tin/0", "synthesized", "cube", "tin", "gravity"),
     ("merge/plum/can/10", "synthesized", "plum", "can", "passed"),
-    ("train/plum/can/1", "learned", "plum", "can", "hand_clearance"),
+    ("sample/learned/plum/can/1", "learned", "plum", "can", "hand_clearance"),
 )
 
 
 def test_filters_leave_what_passes_all() -> None:
     assert list(rows.selected(MERGED, {})["name"]) == list(MERGED["name"])
     kept = rows.selected(MERGED, {"second": "can", "outcome": "rejected", "source": rows.ANY})
-    assert list(kept["name"]) == ["merge/cube/can/1", "train/plum/can/1"]
+    assert list(kept["name"]) == ["merge/cube/can/1", "sample/learned/plum/can/1"]
     assert rows.selected(MERGED, {"first": "cube", "source": "learned"}).empty
 
 
@@ -70,7 +70,8 @@ def test_pages_hold_the_row(place: int, expected: tuple[int, int]) -> None:
     ("text", "name"),
     [
         (" merge/cube/can/3\n", "merge/cube/can/3"),
-        ("data/merge/cube/can.parquet", "merge/cube/can"),
+        ("data/merge/cube.parquet", "merge/cube"),
+        ("data/sample/learned/cube.parquet", "sample/learned/cube"),
         ("synthesized/cube/can/3", "evaluate/synthesized/cube/can/3"),
         ("harder/placement/cube/can/3", "evaluate/harder/placement/cube/can/3"),
         ("data/prepare/cube/", "prepare/cube"),
@@ -83,8 +84,8 @@ def test_names_are_taken_as_people_write_them(text: str, name: str) -> None:
 
 def test_a_name_leads_to_its_row_a_table_to_its_first() -> None:
     assert rows.find(MERGED, "merge/cube/can/1") == "merge/cube/can/1"
-    assert rows.find(MERGED, "train/plum/can") == "train/plum/can/1"
-    assert rows.view_of("train/plum/can") == MERGED_VIEW
+    assert rows.find(MERGED, "sample/learned/plum/can") == "sample/learned/plum/can/1"
+    assert rows.view_of("sample/learned/plum/can") == MERGED_VIEW
     assert rows.view_of("evaluate/learned/plum/can/1") == TRIALS_VIEW
 
 

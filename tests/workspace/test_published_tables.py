@@ -8,15 +8,17 @@ import pandas as pd
 import pytest
 
 from pipeline.workspace.publish import main
-from pipeline.workspace.published_tables import cost, failures, harder, headline, matrix, with_tables
+from pipeline.workspace.published_tables import cost, failures, harder, headline, matrix, single_grasps, with_tables
 
 PARAMETERS = {
+    "seed": 1,
+    "pairs": "all",
     "styles": {"pinch": ["cube", "train"], "side": ["soda_can"]},
     "train": {"data": {"held_out_pairs": [["train", "soda_can"]]}},
     "harder": {
         "pairs": [["cube", "soda_can"]],
         "trials": 2,
-        "settings": {"icy": {"grasps": "data/merge", "evaluate": {}, "physics": {}}},
+        "settings": {"icy": {"source": "synthesized", "evaluate": {}, "physics": {}}},
     },
 }
 
@@ -79,6 +81,31 @@ def test_matrix_marks_pairs_that_were_never_trained(trials) -> None:
     assert cells(matrix(trials, "learned", PARAMETERS))["train"] == ["*3*"]
 
 
+def test_matrix_leaves_pairs_empty_that_are_not_tried(trials) -> None:
+    styles = {"pinch": ["cube", "train"], "side": ["mug", "soda_can"]}
+    chosen = PARAMETERS | {"styles": styles, "pairs": [["train", "soda_can"]]}
+    found = cells(matrix(trials, "synthesized", chosen))
+    assert (found["cube"], found["train"]) == (["", ""], ["", "2"])
+
+
+def test_single_grasps_are_counted_by_object_and_paid_for_by_style() -> None:
+    summary = {}
+    for style, name, chains, passed, validated in (
+        ("pinch", "cube", 100, 60, 40),
+        ("pinch", "train", 100, 50, 20),
+        ("side", "soda_can", 200, 0, 0),
+    ):
+        summary[f"validate.{style}.{name}.optimised"] = chains
+        summary[f"synthesize.{style}.{name}.passed"] = passed
+        summary[f"validate.{style}.{name}.validated"] = validated
+        summary[f"validate.{style}.{name}.survival_rate"] = validated / chains
+    durations = {f"{stage}@pinch": {"cpu_seconds": 60.0} for stage in ("synthesize", "validate")}
+    found = cells(single_grasps(summary, durations | {"synthesize@side": {"cpu_seconds": 9.0}}, PARAMETERS))
+    assert found["cube"] == ["pinch", "100", "60", "40", "40 %", "3.3 %", ""]
+    assert found["soda can"][:5] == ["side", "200", "0", "0", "0 %"]
+    assert found["**all**"] == ["pinch", "200", "110", "60", "30 %", "", "2.00"]  # none of a side grasp to pay for
+
+
 def test_reasons_are_counted_per_table(trials) -> None:
     found = cells(failures(trials, ["synthesized", "learned", "icy"]))
     assert found["reason"] == ["SG", "LG", "`icy`"]
@@ -96,11 +123,12 @@ def test_harder_settings_stand_beside_the_same_standard_trials(trials) -> None:
 
 def test_cost_counts_a_stage_once_and_divides_by_trials(trials) -> None:
     one = {"wall_seconds": 60.0, "cpu_seconds": 90.0, "peak_megabytes_largest_process": 500.0}
-    names = ["prepare@cube", "synthesize-pinch@cube", "validate-pinch@cube", "merge@cube", "merge@train", "train"]
-    names += ["sample@cube", "sample-reconstructed@cube", "evaluate-synthesized@cube", "evaluate-learned@cube"]
-    names += ["evaluate-reconstructed@cube", "evaluate-harder@icy"]
+    names = ["prepare", "synthesize@pinch", "synthesize@side", "validate@pinch", "merge", "train"]
+    names += ["sample@learned", "sample@reconstructed", "evaluate@synthesized", "evaluate@learned"]
+    names += ["evaluate@reconstructed", "evaluate-harder"]
     found = cells(cost(dict.fromkeys(names, one) | {"train": one | {"wall_seconds": 120.0}}, trials))
-    assert found["`merge`"] == ["2", "2.0", "3.0", "1.0 (`merge@cube`)", "0.5"]
+    assert found["`synthesize`"] == ["2", "2.0", "3.0", "1.0 (`synthesize@pinch`)", "0.5"]
+    assert found["`merge`"] == ["1", "1.0", "1.5", "1.0 (`merge`)", "0.5"]
     assert found["`train`"] == ["1", "2.0", "1.5", "2.0 (`train`)", "0.5"]
     assert found["`sample`"][:2] == ["1", "1.0"]
     assert found["`evaluate`"][:3] == ["2", "2.0", "3.0"]

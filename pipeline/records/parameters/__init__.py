@@ -59,8 +59,9 @@ class Parameters(Section):
     seed: int = Field(ge=0, description="Run seed; every item derives its own generator from it.")
     styles: StylesParameters
     pairs: PairsParameter = Field(
-        description="Which objects are picked one after the other: `all` of styles.pinch with all of styles.side; or how "
-        "many partners each first object gets, drawn evenly from the seed; or a list of [first, second]. Paper: all.",
+        description="Which objects are picked one after the other: `all` of styles.pinch with all of styles.side; or "
+        "how many partners each first object gets, drawn evenly from the seed; or a list of [first, second]. "
+        "Paper: all.",
     )
     objects: dict[str, ObjectParameters] = Field(description="Objects from packages and recipes, by name.")
     meshes: dict[str, MeshParameters] = Field(description="Objects from the user's own files, by name.")
@@ -90,8 +91,8 @@ class Parameters(Section):
         for name, mesh in self.meshes.items():
             if name in self.objects:
                 raise ValueError(f"the name {name!r} is in objects and in meshes; rename one")
-            if Path(mesh.file).is_absolute() or ".." in Path(mesh.file).parts:
-                raise ValueError(f"meshes.{name}.file leads out of the repository; copy the mesh to data/raw")
+            if not _inside(mesh.file, paths.RAW_FOLDER):
+                raise ValueError(f"meshes.{name}.file is not below {paths.RAW_FOLDER}; copy the mesh there")
         for style in ("pinch", "side"):
             names = getattr(self.styles, style)
             for name in names:
@@ -155,6 +156,13 @@ class Parameters(Section):
             for object_name in rendering.objects:
                 if object_name not in self.objects and object_name not in self.meshes:
                     raise ValueError(f"renderings.{name} shows the unknown object {object_name!r}; add it to objects")
+        rendered = {str(paths.capture_folder(name)) for name in self.renderings}
+        for name, capture in self.captures.items():
+            if str(Path(capture.folder)) not in rendered and not _inside(capture.folder, paths.RAW_FOLDER):
+                raise ValueError(
+                    f"captures.{name}.folder is neither a rendering's (data/capture/<name>) nor below "
+                    f"{paths.RAW_FOLDER}; copy the photos there"
+                )
         for first, item in self.reconstructed.items():
             if item.capture not in self.renderings or item.capture not in self.captures:
                 raise ValueError(
@@ -204,6 +212,11 @@ class Parameters(Section):
         return partners(self.styles.pinch, self.styles.side, self.pairs, self.seed)
 
 
+def _inside(path: str, folder: Path) -> bool:
+    """Return whether a path is below a folder of the repository."""
+    return Path(path).is_relative_to(folder) and Path(path) != folder and ".." not in Path(path).parts
+
+
 def _one_sentence(error: ValidationError, source: Path) -> str:
     first = error.errors()[0]
     where = ".".join(str(part) for part in first["loc"])
@@ -248,6 +261,23 @@ def load_parameters(sections: Collection[str], source: Path = paths.PARAMETERS_F
     if any(name.split(".")[0] in _OF_THE_ALLEGRO for name in sections):
         require_allegro(parameters, source)
     return {name: _section(parameters, name, source) for name in sections}
+
+
+def load_pairs(first: str = "", source: Path = paths.PARAMETERS_FILE) -> dict[str, tuple[str, ...]]:
+    """Return, for each first object, the objects that are picked after it; needs ``seed``, ``styles`` and ``pairs``.
+
+    Args:
+        first: only this one, when it is given.
+
+    Raises:
+        UserError: see :func:`read_parameters`, or ``styles.pinch`` does not name ``first``.
+    """
+    known = read_parameters(source).partners()
+    if first and first not in known:
+        raise UserError(
+            f"{source}: styles.pinch does not name {first!r}; add it there, or use one of {', '.join(known) or 'none'}."
+        )
+    return {first: known[first]} if first else known
 
 
 def require_allegro(parameters: Parameters, source: Path = paths.PARAMETERS_FILE) -> None:

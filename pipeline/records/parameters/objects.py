@@ -6,7 +6,6 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from pipeline.records.errors import UserError
 from pipeline.records.parameters.section import Section
 
 Recipe = Literal[
@@ -76,27 +75,14 @@ class ObjectParameters(_Shape):
 class MeshParameters(_Shape):
     """An object of the user's own, from a mesh file."""
 
-    file: str = Field(description="Mesh file below the repository, such as data/raw/mug.stl.")
+    file: str = Field(description="Mesh file below data/raw, such as data/raw/mug.stl.")
     unit: Literal["m", "cm", "mm", "inch"] | None = Field(
         None, description="Length unit of the file; when left out, it is guessed from the size, with a warning."
     )
 
 
 class StylesParameters(Section):
-    """Which objects are grasped in which style; pairs are pinch x side."""
+    """Which objects are grasped in which style; `pairs` says which follow each other."""
 
     pinch: list[str] = Field(description="Objects held by thumb, index and middle finger (object 0 of a pair).")
     side: list[str] = Field(description="Objects held by ring finger and palm (object 1 of a pair).")
-
-    def after(self, first: str) -> list[str]:
-        """Return the objects that are picked after ``first``.
-
-        Raises:
-            UserError: ``pinch`` does not name it.
-        """
-        if first not in self.pinch:
-            raise UserError(
-                f"params.yaml: styles.pinch does not name {first!r}; add it there, or use one of "
-                f"{', '.join(self.pinch)}."
-            )
-        return self.side

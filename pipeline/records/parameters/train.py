@@ -23,6 +23,11 @@ class TrainDataParameters(Section):
     held_out_pairs: list[Annotated[list[str], Field(min_length=2, max_length=2)]] = Field(
         [], description="Pairs, [first, second], that are never trained together. Paper's code: none."
     )
+    held_out_objects: list[str] = Field(
+        [],
+        description="Objects of which the model learns nothing. As long as new objects are here, the model stays what "
+        "it is, and with it its grasps of all other objects. Paper's code: none.",
+    )
     normalise: bool = Field(True, description="Zero mean and unit variance per dimension. Paper's code: off.")
     cloud_noise: float = Field(
         0.001, ge=0, le=0.01, description="Standard deviation of noise on the points, m. Paper's code: none."

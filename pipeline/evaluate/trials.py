@@ -1,0 +1,47 @@
+"""Trials as items of a stage: each is computed by itself, with the objects of its pair sent to a worker once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from functools import cache, lru_cache, partial
+from typing import TYPE_CHECKING, Any
+
+from pipeline.compute.items import Begin, Keep
+from pipeline.compute.outputs import Tables
+from pipeline.compute.pool import Calls, Work
+from pipeline.compute.shared import Shared
+
+if TYPE_CHECKING:
+    from pipeline.evaluate.trial import TrialInput
+
+Pair = tuple[str, str]
+
+
+@contextmanager
+def trials_of(tables: Tables, inputs_of: Callable[[str], Sequence[TrialInput]]) -> Iterator[Begin]:
+    """Yield what begins trials by their keys.
+
+    Args:
+        tables: for their rows.
+        inputs_of: returns the inputs of all trials of a pair; called with a key without its last part, the number.
+    """
+    import pandas as pd
+
+    from pipeline.evaluate.trial import run_trial_with
+
+    with ExitStack() as until_all_done:
+        cached = lru_cache(maxsize=2)(inputs_of)
+
+        @cache
+        def shared_objects(pair: str) -> Shared[Any]:
+            return until_all_done.enter_context(Shared(cached(pair)[0].objects))
+
+        def work(key: str, keep: Keep) -> Work[None]:
+            pair, _, number = key.rpartition("/")
+            trial = next(trial for trial in cached(pair) if trial.trial == int(number))
+            (row,) = yield Calls(partial(run_trial_with, shared_objects(pair)), [replace(trial, objects=())])
+            keep(key, tables.rows(pd.DataFrame([row])))
+
+        yield lambda keys, keep: [(key, partial(work, key, keep)) for key in keys]

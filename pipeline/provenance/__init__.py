@@ -1,0 +1,1 @@
+"""Which code a command runs: the modules that it imports, what they say, and one fingerprint of all."""
