@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from pipeline.evaluate import inputs
 from pipeline.evaluate.grasps import TwoObjectGrasp, grasp_from_row
 from pipeline.evaluate.trial import TrialInput
 from pipeline.records.objects import PreparedObject
@@ -40,13 +39,6 @@ def prepared(name: str, mesh: trimesh.Trimesh, density: float = 500.0) -> Prepar
         extents=np.asarray(mesh.extents),
         provenance={},
     )
-
-
-@pytest.fixture(autouse=True)
-def nothing_read_before() -> None:
-    """Paths are relative to the working folder, which changes from test to test."""
-    for read in (inputs._table, inputs._object):
-        read.cache_clear()
 
 
 @pytest.fixture(scope="session")
