@@ -17,92 +17,61 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import yaml
 
 ROOT = Path(__file__).resolve().parent.parent
 BYTES = 200  # of a made-up file
+FILES_OF_OBJECT = ("mesh.ply", "shapes.npz", "object.json", "picture.png")
+REPORTS = ("index.html", "pairs.parquet", "dataset.md", "summary.json", "tracking.json", "survival.csv", "success.csv")
+REPORTS += ("learned_objectives.csv", "learned_ablation.csv")
 
 
-def fill(folder: Path, count: int, partners: int) -> None:
-    """Make up the repository."""
-    for name in ("pipeline", "hands"):
-        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("dvc.yaml", "constraints.txt", ".dvcignore", ".gitignore"):
-        shutil.copy(ROOT / name, folder / name)
+def parameters_of(count: int, partners: int) -> dict[str, Any]:
+    """Return parameters with so many objects in both styles."""
     names = [f"object_{number:05d}" for number in range(count)]
-    parameters = yaml.safe_load((ROOT / "params.yaml").read_text())
     box = {"recipe": "box", "extents": [0.04, 0.04, 0.04], "up": "+z", "scale": 1.0, "density": 500.0}
-    parameters |= {
+    return yaml.safe_load((ROOT / "params.yaml").read_text()) | {
         "objects": dict.fromkeys(names, box),
         "styles": {"pinch": names, "side": names},
         "pairs": partners,
         "reconstructed": {},
         "harder": {"pairs": [], "trials": 1, "settings": {}},
     }
+
+
+def fill(folder: Path, parameters: dict[str, Any]) -> None:
+    """Make up the repository."""
+    for name in ("pipeline", "hands"):
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("dvc.yaml", "constraints.txt", ".dvcignore", ".gitignore"):
+        shutil.copy(ROOT / name, folder / name)
     dumper = yaml.SafeDumper
     dumper.ignore_aliases = lambda *_: True  # type: ignore[method-assign, assignment]
     (folder / "params.yaml").write_text(yaml.dump(parameters, Dumper=dumper, sort_keys=False))
 
+    firsts, styles = parameters["styles"]["pinch"], parameters["styles"]
+    outputs = ["data/raw/README.md", "models/train/model.json", "models/train/history.csv"]
+    outputs += [f"data/prepare/{name}/{file}" for name in parameters["objects"] for file in FILES_OF_OBJECT]
+    for stage in ("synthesize", "validate"):
+        outputs += [f"data/{stage}/{style}/{name}.parquet" for style, names in styles.items() for name in names]
+    for stage in ("merge", "sample/learned", "evaluate/synthesized", "evaluate/learned"):
+        outputs += [f"data/{stage}/{name}.parquet" for name in firsts]
+    for stage in ("sample/reconstructed", "evaluate/reconstructed"):
+        outputs += [f"data/{stage}/{name}.parquet" for name in parameters["reconstructed"]] or [f"data/{stage}/none"]
+    outputs += ["data/sample/learned/quality.json", "data/evaluate/harder/none", "data/capture/none"]
+    outputs += ["data/reconstruct/none", "reports/figures/one.png", *(f"reports/{name}" for name in REPORTS)]
+    for stage in yaml.safe_load((folder / "dvc.yaml").read_text())["stages"].values():
+        for key in stage.get("foreach", [""]):
+            outs = [out for out in stage.get("do", stage)["outs"] if isinstance(out, str) and "/items/" in out]
+            outputs += [out.replace("${item}", key).replace("${key}", key) for out in outs]
     draw = random.Random(1)
-    outputs = ["data/raw/README.md", "code.yaml", "models/train/model.json", "models/train/history.csv"]
-    outputs += [f"data/prepare/{name}/{file}" for name in names for file in files_of_object()]
-    outputs += [
-        f"data/{stage}/{style}/{n}.parquet"
-        for stage in ("synthesize", "validate")
-        for style in ("pinch", "side")
-        for n in names
-    ]
-    outputs += [
-        f"data/{each}/{name}.parquet"
-        for each in ("merge", "sample/learned", "evaluate/synthesized", "evaluate/learned")
-        for name in names
-    ]
-    outputs += ["data/sample/learned/quality.json", "data/sample/reconstructed/quality.json"]
-    outputs += [
-        "data/evaluate/reconstructed/none",
-        "data/evaluate/harder/none",
-        "data/capture/none",
-        "data/reconstruct/none",
-    ]
-    outputs += [
-        f"reports/{name}"
-        for name in (
-            "index.html",
-            "figures/one.png",
-            "pairs.parquet",
-            "dataset.md",
-            "summary.json",
-            "tracking.json",
-            "survival.csv",
-            "success.csv",
-            "learned_objectives.csv",
-            "learned_ablation.csv",
-        )
-    ]
-    stages = yaml.safe_load((folder / "dvc.yaml").read_text())["stages"]
-    outputs += [out for stage in expanded(stages) for out in stage if out.startswith("data/items/")]
     for name in outputs:
         target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(b"{}" if target.suffix == ".json" else draw.randbytes(BYTES).hex().encode())
     subprocess.run([sys.executable, "-m", "pipeline.code"], cwd=folder, check=True, env=environment(folder))
-
-
-def files_of_object() -> list[str]:
-    """Return the names of the files of a prepared object."""
-    return ["mesh.ply", "shapes.npz", "object.json", "picture.png"]
-
-
-def expanded(stages: dict) -> list[list[str]]:
-    """Return the outputs of all stages."""
-    found = []
-    for stage in stages.values():
-        for key in stage.get("foreach", [""]):
-            outs = stage.get("do", stage)["outs"]
-            names = [next(iter(out)) if isinstance(out, dict) else out for out in outs]
-            found.append([name.replace("${item}", key).replace("${key}", key) for name in names])
-    return found
 
 
 def environment(folder: Path) -> dict[str, str]:
@@ -118,11 +87,17 @@ def main() -> None:
     """Measure."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--objects", type=int, default=1000)
-    parser.add_argument("--partners", type=int, default=4)
+    parser.add_argument("--partners", type=int, default=4, help="second objects of each first one")
+    parser.add_argument("--parameters", type=Path, help="a params.yaml instead, such as that of results/paper")
     chosen = parser.parse_args()
+    parameters = (
+        yaml.safe_load(chosen.parameters.read_text())
+        if chosen.parameters
+        else parameters_of(chosen.objects, chosen.partners)
+    )
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
-        fill(folder, chosen.objects, chosen.partners)
+        fill(folder, parameters)
 
         def run(*command: str) -> tuple[float, float, str]:
             before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
@@ -136,12 +111,10 @@ def main() -> None:
         run("git", "init", "-q")
         run("dvc", "init", "-q")
         run("dvc", "commit", "-f")
-        files = sum(
-            1 for name in ("data", "models", "reports") for path in (folder / name).rglob("*") if path.is_file()
-        )
-        print(
-            f"{chosen.objects} objects, {chosen.partners} partners: {files} files, dvc.lock {(folder / 'dvc.lock').stat().st_size / 1000:.0f} kB"
-        )
+        tops = [folder / name for name in ("data", "models", "reports")]
+        files = sum(path.is_file() for top in tops for path in top.rglob("*"))
+        lock = (folder / "dvc.lock").stat().st_size / 1000
+        print(f"{len(parameters['objects'])} objects: {files} files, dvc.lock {lock:.1f} kB")
         for _ in range(3):
             wall, cpu, said = run("dvc", "repro")
             assert "Running stage" not in said, said

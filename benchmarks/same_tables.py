@@ -93,7 +93,7 @@ def compare(name: str, old: dict, new: dict, differ) -> int:
         wrong += bool(found)
         for text in found:
             print(f"{name} {key}: {text}")
-    print(f"{name}: {len(old.keys() & new.keys()) - wrong} of {len(old.keys() | new.keys())} are the same")
+    print(f"{name}: {len(old.keys() | new.keys()) - wrong} of {len(old.keys() | new.keys())} are the same")
     return wrong
 
 

@@ -10,6 +10,8 @@ import ast
 import sys
 from pathlib import Path
 
+import yaml
+
 from pipeline.code.unseen import unseen
 from pipeline.provenance.closure import ROOT_PACKAGE
 from pipeline.provenance.lines import code_lines
@@ -30,8 +32,7 @@ def write_lines() -> None:
     """
     lines = code_lines(Path())
     with whole_file(paths.CODE_FILE) as temporary:
-        # Quoted: digits alone, or with an e among them, would be a number.
-        temporary.write_text("".join(f'{name}: "{digest}"\n' for name, digest in lines.items()))
+        temporary.write_text(yaml.safe_dump(lines, sort_keys=False))
 
 
 def check() -> None:

@@ -1,8 +1,12 @@
-"""The lines of ``code.yaml``: one fingerprint for each command of ``dvc.yaml``, and one of all settings.
+"""The lines of ``code.yaml``: one fingerprint for each command of ``dvc.yaml``, and one for each section of settings.
 
-A stage names its line among its parameters, so that DVC runs it again when, and only when, the line changed::
+A stage names its line and its sections among its parameters, so that DVC runs it again when, and only when, one of them
+changed::
 
-    params: [physics, validate, {code.yaml: [validate]}]
+    params: [{code.yaml: [validate, settings.physics, settings.validate]}]
+
+So ``dvc.lock`` holds a few digits for a section, not a thousand objects, and DVC reads ``params.yaml`` once, not once for
+each stage.
 """
 
 from __future__ import annotations
@@ -20,15 +24,14 @@ from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.texts import parse_yaml
 
-# The line of all of params.yaml on which results depend, for stages that show all settings.
-SETTINGS = "settings"
+SETTINGS = "settings"  # under which the sections of params.yaml stand
 IRRELEVANT = "compute"  # the section that decides where and how fast something is computed, never what
 
 _STAGES_FILE = Path("dvc.yaml")
 _PINS_FILE = Path("constraints.txt")
 _COMMAND = re.compile(r"\bpython -m (pipeline(?:\.\w+)+)")
 _WRITER = "pipeline.code.__main__"  # its stage has no line, but depends on all files
-_LENGTH = 32  # hexadecimal digits
+_LENGTH, _SHORT = 32, 12  # hexadecimal digits, of code and of settings
 # Packages that are imported by another name than they are installed by.
 _DISTRIBUTIONS = {
     "PIL": "pillow",
@@ -40,14 +43,14 @@ _DISTRIBUTIONS = {
 }
 
 
-def code_lines(root: Path) -> dict[str, str]:
+def code_lines(root: Path) -> dict[str, Any]:
     """Return all lines of ``code.yaml``.
 
     Raises:
         UserError: ``dvc.yaml``, ``params.yaml`` or a module cannot be read, or says something that does not fit.
     """
     lines = {line: fingerprint(root, modules) for line, modules in declared_commands(root).items()}
-    return dict(sorted({**lines, SETTINGS: settings_digest(root)}.items()))
+    return dict(sorted({**lines, SETTINGS: settings_digests(root)}.items()))
 
 
 def code_line(root: Path, line: str) -> str:
@@ -74,14 +77,31 @@ def _mapping(file: Path) -> dict[str, Any]:
     return content
 
 
-def settings_digest(root: Path) -> str:
-    """Return a fingerprint of the values in ``params.yaml`` on which results depend, in their order.
+def settings_digests(root: Path) -> dict[str, Any]:
+    """Return a fingerprint of every section of ``params.yaml`` on which results depend, by name.
+
+    Where a stage names a part of a section, such as ``settings.styles.pinch``, each part has its own.
 
     Raises:
-        UserError: the file is missing or is not YAML.
+        UserError: a file is missing or is not YAML.
     """
-    values = {name: value for name, value in _mapping(root / paths.PARAMETERS_FILE).items() if name != IRRELEVANT}
-    return hashlib.sha256(ascii(values).encode()).hexdigest()[:_LENGTH]
+    stages = _mapping(root / _STAGES_FILE).get("stages")
+    named = {
+        tuple(line.split("."))
+        for stage in (stages if isinstance(stages, dict) else {}).values()
+        for line in _named_lines((stage.get("do", stage) if isinstance(stage, dict) else {}).get("params", []))
+    }
+    divided = {parts[1] for parts in named if parts[0] == SETTINGS and len(parts) > 2}
+    return {
+        name: {part: _digest(own) for part, own in value.items()} if name in divided else _digest(value)
+        for name, value in _mapping(root / paths.PARAMETERS_FILE).items()
+        if name != IRRELEVANT
+    }
+
+
+def _digest(value: Any) -> str:
+    """Return a short fingerprint of plain data, in its order."""
+    return hashlib.sha256(ascii(value).encode()).hexdigest()[:_SHORT]
 
 
 def declared_commands(root: Path) -> dict[str, tuple[str, ...]]:
@@ -100,7 +120,7 @@ def declared_commands(root: Path) -> dict[str, tuple[str, ...]]:
         modules = _modules(root, name, body.get("cmd", ""))
         if not modules or _WRITER in modules:
             continue
-        lines = _named_lines(body.get("params", [])) - {SETTINGS}
+        lines = {line for line in _named_lines(body.get("params", [])) if line.split(".")[0] != SETTINGS}
         if len(lines) != 1:
             raise UserError(
                 f"{_STAGES_FILE}: the stage {name} names {len(lines) or 'no'} line{'s' * (len(lines) > 1)} of "
