@@ -103,7 +103,7 @@ def small_look(settings: ReportParameters) -> Look:
     """Return how a pair is shown among many: fewer and smaller pictures, as their cost grows with the pixels."""
     width = min(settings.picture_width, 180)
     height = round(settings.picture_height * width / settings.picture_width)
-    return Look(width, height, min(settings.pictures_per_trial, 4), grasps=3, poster=160, fine=False)
+    return Look(width, height, min(settings.pictures_per_trial, 3), grasps=3, poster=160, fine=False)
 
 
 def draw_pairs(requests: Sequence[Request], workers: int) -> list[Drawn]:
