@@ -36,7 +36,7 @@ from pipeline.records import paths  # noqa: E402
 from pipeline.records.objects import load_prepared_object  # noqa: E402
 from pipeline.records.parameters import Parameters, read_parameters  # noqa: E402
 from pipeline.records.parameters.harder import overridden  # noqa: E402
-from pipeline.records.tables import MERGED, TRIALS, read_table  # noqa: E402
+from pipeline.records.tables import MERGED, TRIALS, pair_rows, read_table  # noqa: E402
 
 Pair = tuple[str, str]
 IDENTITY = ["object0", "object1", "trial"]
@@ -85,7 +85,7 @@ def trials_of(lever: Lever, pair: Pair, parameters: Parameters, trials: int, set
     harder = parameters.harder.settings[setting] if setting else None
     evaluate = {**(harder.evaluate if harder else {}), **lever.evaluate}
     physics = {**(harder.physics if harder else {}), **lever.physics}
-    table = read_table(paths.merged_file(*pair), MERGED, f"merge@{pair[0]}")
+    table = pair_rows(read_table(paths.merged_file(pair[0]), MERGED, "merge"), pair[1])
     grasps = accepted_grasps(table)
     if lever.choose:
         passed = table[table["rejected_by"] == ""]
@@ -105,18 +105,18 @@ def trials_of(lever: Lever, pair: Pair, parameters: Parameters, trials: int, set
 
 def standard_trials(pairs: list[Pair], trials: int, setting: str) -> pd.DataFrame:
     """Return the rows of the first ``trials`` trials of every pair that the pipeline has run."""
-    files = {first: paths.trials_file("synthesized", first) for first, _ in pairs}
-    stages = {first: f"evaluate-synthesized@{first}" for first in files}
     if setting:
-        files, stages = {"": paths.harder_file(setting)}, {"": f"evaluate-harder@{setting}"}
-    rows = pd.concat([read_table(file, TRIALS, stages[first]) for first, file in files.items()])
+        rows = read_table(paths.harder_file(setting), TRIALS, "evaluate-harder")
+    else:
+        files = dict.fromkeys(paths.trials_file("synthesized", first) for first, _ in pairs)
+        rows = pd.concat([read_table(file, TRIALS, "evaluate@synthesized") for file in files])
     own = [pair in pairs for pair in zip(rows["object0"], rows["object1"], strict=True)]
     return rows.loc[np.array(own) & (rows["trial"] < trials), KEPT].reset_index(drop=True)
 
 
 def spread(parameters: Parameters, count: int) -> list[Pair]:
     """Return ``count`` pairs: those of ``harder.pairs`` first, then all others in order."""
-    every = [(first, second) for first in parameters.styles.pinch for second in parameters.styles.side]
+    every = [(first, second) for first, seconds in parameters.partners().items() for second in seconds]
     return list(dict.fromkeys([*parameters.harder.pairs, *every]))[:count]
 
 
@@ -175,8 +175,8 @@ def main() -> None:
     digest = hashlib.sha256(f"{parameters.seed} {chosen.trials} {pairs} {chosen.setting}".encode())
     for section in (parameters.evaluate, parameters.physics, parameters.harder):
         digest.update(section.model_dump_json().encode())
-    for pair in pairs:
-        digest.update(paths.merged_file(*pair).read_bytes())
+    for first in dict.fromkeys(first for first, _ in pairs):
+        digest.update(paths.merged_file(first).read_bytes())
     outcomes = {"standard": standard_trials(pairs, chosen.trials, chosen.setting)}
     for name in chosen.levers:
         kept = chosen.folder / f"levers-{digest.hexdigest()[:10]}-{name}.csv"

@@ -233,8 +233,8 @@ def main() -> None:
     code = commit()
     parameters = composed(chosen.scale)
     checkpoint = read_checkpoint(chosen.model)
-    model, styles = checkpoint.model(), parameters.styles
-    pairs = [(first, second) for first in styles.pinch for second in styles.side]
+    model = checkpoint.model()
+    pairs = [(first, second) for first, seconds in parameters.partners().items() for second in seconds]
     unseen = [pair for pair in pairs if pair not in checkpoint.pairs]
     judged = [pairs[index] for index in chosen_pairs(pairs, unseen, chosen.pairs)]
     sections = [parameters.train.sampling, parameters.merge, parameters.physics, parameters.evaluate]

@@ -35,7 +35,7 @@ from pipeline.records import paths  # noqa: E402
 from pipeline.records.objects import load_prepared_object  # noqa: E402
 from pipeline.records.parameters import Parameters, read_parameters  # noqa: E402
 from pipeline.records.parameters.train import DiffusionParameters, TrainingParameters  # noqa: E402
-from pipeline.records.tables import MERGED, read_table  # noqa: E402
+from pipeline.records.tables import MERGED, pair_rows, read_table  # noqa: E402
 from pipeline.report.comparisons import OBJECTIVES_FILE, write_comparison  # noqa: E402
 from pipeline.train.checkpoint import Checkpoint  # noqa: E402
 from pipeline.train.data import Examples, gather_examples  # noqa: E402
@@ -184,13 +184,11 @@ def main() -> None:
     chosen = parser.parse_args()
     code = commit()
     parameters = composed(chosen.scale)
-    styles, settings = parameters.styles, parameters.train
-    objects = {name: load_prepared_object(name) for name in dict.fromkeys([*styles.pinch, *styles.side])}
-    tables = {
-        (first, second): read_table(paths.merged_file(first, second), MERGED, f"merge@{first}")
-        for first in styles.pinch
-        for second in styles.side
-    }
+    partners, settings = parameters.partners(), parameters.train
+    pairs = [(first, second) for first, seconds in partners.items() for second in seconds]
+    objects = {name: load_prepared_object(name) for name in dict.fromkeys(name for pair in pairs for name in pair)}
+    merged = {first: read_table(paths.merged_file(first), MERGED, "merge") for first in dict(pairs)}
+    tables = {pair: pair_rows(merged[pair[0]], pair[1]) for pair in pairs}
     examples = gather_examples(tables, objects, settings.data, settings.encoder, parameters.seed)
     judged = chosen_pairs(examples.pairs, settings.data.held_out_pairs, chosen.pairs)
     energies = {

@@ -4,7 +4,7 @@
 
 `--set` changes parameters of `validate` for the run; the contact offset of the paper's code is 0.02 m. Target: at most
 0.8 CPU seconds per validated grasp on average, synthesis included (its share is in reports/durations.json). Needs the
-prepared objects and synthesized candidates of params.yaml below data/ (`dvc repro synthesize-pinch synthesize-side`).
+prepared objects and synthesized candidates of params.yaml below data/ (`dvc repro synthesize`).
 One process, process CPU time; candidates are spread evenly over those that passed the filter, and rejected ones count.
 """
 
@@ -44,7 +44,7 @@ def main(grasps: int, changes: dict[str, object]) -> None:
     for style in ("pinch", "side"):
         for name in getattr(styles, style):
             prepared = load_prepared_object(name)
-            table = read_table(paths.candidates_file(style, name), CANDIDATES, f"synthesize-{style}@{name}")
+            table = read_table(paths.candidates_file(style, name), CANDIDATES, f"synthesize@{style}")
             rows = table[table.rejected_by == ""].to_dict("records")
             chosen = np.unique(np.linspace(0, len(rows) - 1, min(grasps, len(rows))).round().astype(int))
             candidates = [candidate_of(rows[index]) for index in chosen]

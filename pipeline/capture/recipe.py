@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -94,8 +95,8 @@ def _surface(solid: Solid) -> bytes:
     """Return the surface of a solid in the scene as PLY."""
     import trimesh
 
-    content: bytes = trimesh.Trimesh(solid.placed(), solid.faces, process=False).export(file_type="ply")
-    return content
+    content: Any = trimesh.Trimesh(solid.placed(), solid.faces, process=False).export(file_type="ply")
+    return bytes(content)
 
 
 def photo_name(view: int) -> str:

@@ -55,9 +55,10 @@ def grasps_of_pair(source: str, first: str, second: str, parameters: dict[str, A
     """
     from pipeline.evaluate.grasps import accepted_grasps
     from pipeline.evaluate.reconstructed import in_true_frames, true_from_reconstructed
+    from pipeline.records.tables import pair_rows
 
-    table = _table(*_table_of(source, first))
-    grasps = accepted_grasps(table[table["object1"] == second])
+    table = _grasps(source, first)
+    grasps = accepted_grasps(pair_rows(table, second))
     if source != paths.RECONSTRUCTED:
         return grasps
     capture = parameters["reconstructed"][first].capture
@@ -65,22 +66,28 @@ def grasps_of_pair(source: str, first: str, second: str, parameters: dict[str, A
     return [in_true_frames(grasp, T0, T1) for grasp in grasps]
 
 
-def _table_of(source: str, first: str) -> tuple[Path, str]:
-    """Return the table with the grasps of a source, and the stage that makes it."""
+def _grasps(source: str, first: str) -> pd.DataFrame:
+    """Return the grasps of a source that begin with an object."""
     if source == "synthesized":
-        return paths.merged_file(first), "merge"
-    return paths.sampled_file(source, first), f"sample@{source}"
+        table, made_by = paths.merged_file(first), "merge"
+    else:
+        table, made_by = paths.sampled_file(source, first), f"sample@{source}"
+    return _read_grasps(table.absolute(), table, made_by)
 
 
-@lru_cache(maxsize=2)
-def _table(source: Path, made_by: str) -> pd.DataFrame:
+@lru_cache(maxsize=2)  # pairs of one first object come one after the other
+def _read_grasps(place: Path, source: Path, made_by: str) -> pd.DataFrame:
     from pipeline.records.tables import MERGED, read_table
 
     return read_table(source, MERGED, made_by)
 
 
-@lru_cache(maxsize=16)
 def _object(name: str) -> PreparedObject:
+    return _read_object(paths.prepared_folder(name).absolute(), name)
+
+
+@lru_cache(maxsize=16)
+def _read_object(place: Path, name: str) -> PreparedObject:
     from pipeline.evaluate.scene import without_grid
     from pipeline.records.objects import load_prepared_object
 

@@ -32,7 +32,7 @@ class TrialInput:
 
     trial: int
     source: str
-    objects: tuple[PreparedObject, PreparedObject]
+    objects: tuple[PreparedObject, ...]  # two; none where they are sent apart, see run_trial_with
     grasps: tuple[TwoObjectGrasp, ...]  # in the order in which they are tried
     settings: EvaluateParameters
     physics: PhysicsParameters
@@ -132,7 +132,7 @@ def run_trial(inputs: TrialInput, watch: Callable[[Run], None] | None = None) ->
     }
 
 
-def run_trial_with(shared: Shared[tuple[PreparedObject, PreparedObject]], inputs: TrialInput) -> dict[str, Any]:
+def run_trial_with(shared: Shared[tuple[PreparedObject, ...]], inputs: TrialInput) -> dict[str, Any]:
     """Run a trial whose ``objects`` are shared by all trials of its pair."""
     return run_trial(replace(inputs, objects=shared.value))
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import cache, lru_cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pipeline.compute.items import Begin, Keep
 from pipeline.compute.outputs import Tables
@@ -15,8 +15,7 @@ from pipeline.compute.shared import Shared
 
 if TYPE_CHECKING:
     from pipeline.evaluate.trial import TrialInput
-
-Pair = tuple[str, str]
+    from pipeline.records.objects import PreparedObject
 
 
 @contextmanager
@@ -35,7 +34,7 @@ def trials_of(tables: Tables, inputs_of: Callable[[str], Sequence[TrialInput]]) 
         cached = lru_cache(maxsize=2)(inputs_of)
 
         @cache
-        def shared_objects(pair: str) -> Shared[Any]:
+        def shared_objects(pair: str) -> Shared[tuple[PreparedObject, ...]]:
             return until_all_done.enter_context(Shared(cached(pair)[0].objects))
 
         def work(key: str, keep: Keep) -> Work[None]:

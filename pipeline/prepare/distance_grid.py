@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-
 CHUNK = 1 << 17  # points per query; keeps memory low
 
 

@@ -64,27 +64,31 @@ def _bytes_of_table(table: Any) -> bytes:
     return target.getvalue()
 
 
-@cache
 def file_digest(source: Path, made_by: str) -> str:
-    """Return the digest of a file's content, as it was when it was first asked for.
+    """Return the digest of a file's content.
 
     Raises:
         UserError: the file is missing; ``made_by`` names the stage that makes it.
     """
     try:
-        return hashlib.sha256(source.read_bytes()).hexdigest()[:32]
+        facts = source.stat()
+        return _file_digest(source.absolute(), facts.st_mtime_ns, facts.st_size)
     except FileNotFoundError as error:
         raise UserError(f"{source} is missing; run `dvc repro {made_by}` to make it.") from error
 
 
 @cache
-def folder_digest(folder: Path, made_by: str) -> str:
-    """Return the digest of all files below a folder, as they were when it was first asked for.
+def _file_digest(source: Path, changed: int, size: int) -> str:
+    return hashlib.sha256(source.read_bytes()).hexdigest()[:32]
+
+
+def folder_digest(folder: Path, made_by: str, but: str = "") -> str:
+    """Return the digest of all files below a folder, except those whose names end in ``but``.
 
     Raises:
         UserError: there are none; ``made_by`` names the stage that makes them.
     """
-    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    files = sorted(path for path in folder.rglob("*") if path.is_file() and not (but and path.name.endswith(but)))
     if not files:
         raise UserError(f"{folder} is missing or empty; run `dvc repro {made_by}` to make it.")
     return digest({path.relative_to(folder).as_posix(): file_digest(path, made_by) for path in files})
@@ -96,11 +100,7 @@ def prepared_digest(name: str) -> str:
     Raises:
         UserError: it is missing.
     """
-    folder = paths.prepared_folder(name)
-    files = sorted(path for path in folder.rglob("*") if path.is_file() and path.suffix != ".png")
-    if not files:
-        raise UserError(f"{folder} is missing; run `dvc repro prepare` to make it.")
-    return digest({path.relative_to(folder).as_posix(): file_digest(path, "prepare") for path in files})
+    return folder_digest(paths.prepared_folder(name), "prepare", but=".png")
 
 
 def hand_digest(hand: str) -> str:

@@ -97,7 +97,7 @@ def write_prepared_object(folder: Path, prepared: PreparedObject, picture: bytes
             "surface": np.concatenate([prepared.surface_points, prepared.surface_normals], axis=1),
         }
         with (temporary / "shapes.npz").open("wb") as file:
-            np.savez(file, **{name: shapes[name].astype(SHAPES[name][0]) for name in SHAPES})
+            np.savez(file, allow_pickle=False, **{name: shapes[name].astype(SHAPES[name][0]) for name in SHAPES})
         write_json(
             temporary / "object.json",
             {

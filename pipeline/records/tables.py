@@ -8,8 +8,9 @@ the Allegro ``joint_0.0`` ... ``joint_15.0``. A table of another hand names it i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import pandas as pd
 import pyarrow as pa
@@ -256,21 +257,33 @@ def read_table(source: Path, schema: pa.Schema, made_by: str) -> pd.DataFrame:
     Raises:
         UserError: the file is missing, damaged, of another hand, or has other columns.
     """
+    return _read(source, schema, made_by, schema.names).to_pandas(ignore_metadata=True)
+
+
+def read_columns(source: Path, schema: pa.Schema, made_by: str, columns: Sequence[str]) -> dict[str, list[Any]]:
+    """Read some columns of a table as lists, which takes a tenth of the time of a data frame where rows are few.
+
+    Args, Raises: see :func:`read_table`.
+    """
+    return _read(source, schema, made_by, columns).to_pydict()
+
+
+def _read(source: Path, schema: pa.Schema, made_by: str, columns: Sequence[str]) -> pa.Table:
     mend = f"run `dvc repro {made_by}` to make it again"
     if not source.exists():
         raise UserError(f"{source} is missing; {mend}.")
     try:
         check_size(source)
-        table = pq.read_table(source)
-        written, wanted = hand_of_schema(table.schema), hand_of_schema(schema)
+        file = pq.ParquetFile(source)
+        written, wanted = hand_of_schema(file.schema_arrow), hand_of_schema(schema)
         if written != wanted:
             raise UserError(
                 f"{source} holds grasps of the hand {written}, not of the {wanted}; run `dvc repro {made_by}` with "
                 f"hand: {wanted} in params.yaml to make them."
             )
-        if not table.schema.equals(schema):
+        if not file.schema_arrow.equals(schema):
             raise UserError(f"{source} has other columns than this version expects; delete it and {mend}.")
-        return table.to_pandas(ignore_metadata=True)
+        return file.read(list(columns), use_threads=False).select(columns)
     except (pa.ArrowException, OSError, ValueError) as error:
         raise UserError(f"{source} is damaged or not a parquet file; delete it and {mend}.") from error
 

@@ -8,11 +8,14 @@ from dataclasses import dataclass
 from html import escape
 from urllib.parse import quote
 
-from pipeline.report.rates import ratio
+import numpy as np
+
+from pipeline.report.rates import Spread, ratio
 
 PASSED_COLOUR = "#1b7f6b"
 # Okabe and Ito's palette (distinct for colour-blind readers), without the green that is close to PASSED_COLOUR.
 CATEGORY_COLOURS = ("#e69f00", "#56b4e9", "#cc79a7", "#d55e00", "#0072b2", "#f0e442", "#8c8c8c", "#5b3a8c", "#a8763e")
+MOST_CELLS = 256  # of a heat map: the pairs of sixteen objects with sixteen; a map of more is mostly empty
 MOST_BARS = 32  # in one piece; more would not fit a sheet of paper
 _LOW, _HIGH = (251, 243, 226), (20, 110, 95)
 
@@ -223,3 +226,54 @@ def bars_with_table(bars: Sequence[tuple[str, Mapping[str, int]]], passed: str, 
         rows.append([label, str(total), *cells])
     headers = [first_column, "all", *(_spoken(category) for category in categories)]
     return stacked_bars(bars, passed, title) + numbers(f"{title}: numbers", table(headers, rows))
+
+
+def spread_table(first_column: str, rows: Sequence[tuple[str, int, Spread, int]]) -> str:
+    """Return how values are distributed: title, number of values, spread and digits of each row."""
+    cells = [
+        [title, str(count)]
+        + [
+            f"{value:.{digits}f}"
+            for value in (own.mean, own.least, own.quartile_1, own.median, own.quartile_3, own.most)
+        ]
+        if count
+        else [title, "0", *["–"] * 6]
+        for title, count, own, digits in rows
+    ]
+    return table([first_column, "values", "mean", "least", "quartile 1", "median", "quartile 3", "most"], cells)
+
+
+def histogram(values: Sequence[float], edges: Sequence[float], title: str, axis: str, counted: str) -> str:
+    """Return a histogram as SVG and, folded under it, its numbers.
+
+    Args:
+        edges: of the bins, rising; a bin holds its lower edge, the last one its upper edge too. Values beyond the last
+            edge are counted in the last bin, values below the first in the first.
+        axis: what the values are, with their unit.
+        counted: what is counted, such as ``pairs``.
+    """
+    counts, _ = np.histogram(np.clip(np.asarray(values, np.float64), edges[0], edges[-1]), edges)
+    left, top, width, height = 60, 12, 640, 150
+    most, bar = max(int(counts.max()), 1), width / len(counts)
+    parts = [
+        f'<svg class="bars histogram" viewBox="0 0 {left + width + 20} {top + height + 44}" role="img" '
+        f'aria-label="{escape(title)}">',
+        f'<text x="{left - 8}" y="{top + 10}" text-anchor="end">{most}</text>',
+        f'<text x="{left - 8}" y="{top + height}" text-anchor="end">0</text>',
+        f'<line x1="{left}" x2="{left + width}" y1="{top + height}" y2="{top + height}" stroke="#999"/>',
+    ]
+    rows = []
+    for index, count in enumerate(counts.tolist()):
+        low, high = f"{edges[index]:g}", f"{edges[index + 1]:g}"
+        tall = height * count / most
+        parts.append(
+            f'<rect x="{left + index * bar + 1:.2f}" y="{top + height - tall:.2f}" width="{bar - 2:.2f}" '
+            f'height="{tall:.2f}" fill="{PASSED_COLOUR}"><title>{low} to {high}: {count}</title></rect>'
+        )
+        rows.append([f"{low} to {high}", str(count)])
+    for index in sorted({0, len(counts) // 4, len(counts) // 2, 3 * len(counts) // 4, len(counts)}):
+        x = left + index * bar
+        parts.append(f'<text x="{x:.1f}" y="{top + height + 17}" text-anchor="middle">{edges[index]:g}</text>')
+    parts.append(f'<text x="{left + width / 2}" y="{top + height + 36}" text-anchor="middle">{escape(axis)}</text>')
+    parts.append("</svg>\n")
+    return "\n".join(parts) + numbers(f"{title}: numbers", table([axis, counted], rows))

@@ -14,32 +14,22 @@ import pyarrow as pa
 
 from pipeline.report.diversity import SECTORS, PairDiversity, UsedGrasps
 from pipeline.report.meanings import MERGE, VALIDATION, meaning_of
-from pipeline.report.rates import Funnel, PairMerge, ratio
+from pipeline.report.objects import ObjectFacts
+from pipeline.report.rates import MOST_PAIRS, Funnel, PairMerge, Spread, ratio, spread, summed
 from pipeline.report.settings import Row
 
-# The sections of params.yaml on which data/merge depends.
 WIDTH = 118  # of prose
+# The sections of params.yaml on which data/merge depends.
 DATA_SECTIONS = ("run", "styles", "objects", "meshes", "prepare", "synthesize", "physics", "validate", "merge")
 
 EXAMPLE = """from pathlib import Path
 import numpy as np, pandas as pd
 
-tried = pd.concat(map(pd.read_parquet, sorted(Path("data/merge").glob("*/*.parquet"))), ignore_index=True)
+tried = pd.concat(map(pd.read_parquet, sorted(Path("data/merge").glob("*.parquet"))), ignore_index=True)
 grasps = tried[tried["rejected_by"] == ""]
 print(grasps.groupby(["object0", "object1"]).size().unstack())
 q = np.stack(grasps["q"])  # (grasps, 16) rad; poses: position_hand_object0, quaternion_hand_object0 (w, x, y, z), ...
 """
-
-
-@dataclass(frozen=True)
-class ObjectFacts:
-    """Where an object comes from."""
-
-    name: str
-    source: str
-    licence: str
-    extents: Sequence[float]  # m
-    mass: float  # kg
 
 
 @dataclass(frozen=True)
@@ -50,8 +40,9 @@ class CardContent:
     seed: int
     funnels: Sequence[Funnel]
     merges: Sequence[PairMerge]
-    used: Sequence[UsedGrasps]
+    used: Sequence[UsedGrasps]  # none past ``MOST_PAIRS`` pairs, likewise the next
     diversity: Sequence[PairDiversity]
+    uses: Sequence[tuple[int, int, int]]  # per pair: distinct pinch and side grasps, uses of the commonest one
     distinct_distance: float  # m
     objects: Sequence[ObjectFacts]
     columns: pa.Schema
@@ -64,9 +55,9 @@ def dataset_card(content: CardContent) -> str:
     parts = [
         _head(content),
         _counts(content.merges),
-        _singles(content.funnels, content.used),
+        _singles(content.funnels, content.used) if content.used else _many_singles(content.funnels),
         _checks(content.funnels, content.merges),
-        _diversity(content),
+        _diversity(content) if content.diversity else _many_pairs(content),
         _columns(content.columns),
         _provenance(content),
     ]
@@ -116,7 +107,7 @@ passed all tests listed below, physics with both objects in the hand among them.
 `report`
 from the tables themselves.
 
-The tables are `data/merge/<first object>/<second object>.parquet`, one row per combination that was tried; rejected
+The tables are `data/merge/<first object>.parquet`, one row per combination that was tried, pair by pair; rejected
 ones are kept with the first check that they failed. In a clone of the repository, `dvc pull` fetches them.
 
 ```python
@@ -131,7 +122,28 @@ def _grid(merges: Sequence[PairMerge], cell: Mapping[tuple[str, str], str]) -> s
     return _table(["first \\ second", *seconds], rows)
 
 
+def _spreads(first_column: str, rows: Iterable[tuple[str, Spread, int]]) -> str:
+    """Return how values are distributed, each row with its number of digits."""
+    header = [first_column, "mean", "least", "quartile 1", "median", "quartile 3", "most"]
+    cells = [
+        [title, *(f"{value:.{digits}f}" for value in (s.mean, s.least, s.quartile_1, s.median, s.quartile_3, s.most))]
+        for title, s, digits in rows
+    ]
+    return _table(header, cells)
+
+
 def _counts(merges: Sequence[PairMerge]) -> str:
+    if len(merges) > MOST_PAIRS:
+        rows = [
+            ("accepted grasps", spread([merge.accepted for merge in merges]), 1),
+            ("accepted / tried (%)", spread([100 * merge.acceptance_rate for merge in merges]), 1),
+        ]
+        return f"""## Grasps per pair
+
+{_spreads("of a pair", rows)}
+
+`reports/pairs.parquet` has a row for every pair.
+"""
     accepted = {(m.first, m.second): str(m.accepted) for m in merges}
     rates = {(m.first, m.second): _percent(m.acceptance_rate) for m in merges}
     return f"""## Grasps per pair
@@ -178,28 +190,36 @@ of the holding fingers.
 """
 
 
+def _many_singles(funnels: Sequence[Funnel]) -> str:
+    rows = []
+    for style in dict.fromkeys(funnel.style for funnel in funnels):
+        own = [funnel for funnel in funnels if funnel.style == style]
+        rows += [
+            (f"validated grasps, {style}", spread([funnel.validated for funnel in own]), 1),
+            (f"validated / chains (%), {style}", spread([100 * funnel.survival_rate for funnel in own]), 1),
+        ]
+    return f"""## Single grasps
+
+What the pairs are made of.
+
+{_spreads("of an object", rows)}
+"""
+
+
 def _checks(funnels: Sequence[Funnel], merges: Sequence[PairMerge]) -> str:
     sections = []
     for style in dict.fromkeys(funnel.style for funnel in funnels):
         own = [funnel for funnel in funnels if funnel.style == style]
         tested = sum(funnel.passed for funnel in own)
-        rejected = _summed(funnel.validate_rejected for funnel in own)
+        rejected = summed(funnel.validate_rejected for funnel in own)
         passed = sum(funnel.validated for funnel in own)
         title = f"`validate`, {style} grasps: {tested} tested, {_percent(ratio(passed, tested))} passed."
         sections.append(title + "\n\n" + _shares(rejected, tested, VALIDATION))
     tried = sum(merge.tried for merge in merges)
     accepted = sum(merge.accepted for merge in merges)
     title = f"`merge`: {tried} combinations tried, {_percent(ratio(accepted, tried))} accepted."
-    sections.append(title + "\n\n" + _shares(_summed(merge.rejected for merge in merges), tried, MERGE))
+    sections.append(title + "\n\n" + _shares(summed(merge.rejected for merge in merges), tried, MERGE))
     return "## Checks\n\nEvery row counts for the check that it failed first.\n\n" + "\n\n".join(sections) + "\n"
-
-
-def _summed(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
-    total: dict[str, int] = {}
-    for count in counts:
-        for check, number in count.items():
-            total[check] = total.get(check, 0) + number
-    return total
 
 
 def _shares(rejected: Mapping[str, int], whole: int, meanings: Mapping[str, str]) -> str:
@@ -237,6 +257,20 @@ first and from the second object.
 """
 
 
+def _many_pairs(content: CardContent) -> str:
+    titles = ("distinct pinch grasps", "distinct side grasps", "most uses")
+    rows = [(title, spread(values), 1) for title, values in zip(titles, zip(*content.uses, strict=True), strict=True)]
+    return f"""## Diversity
+
+Two single grasps of an object count as one when the part of the hand that counts (side: ring finger and palm;
+pinch: all but the ring finger), seen from the object, lies less than {_millimetres(content.distinct_distance)} mm
+apart on average over its surface; no combination of two single grasps is in a table twice. *Most uses*: how many merged
+grasps share one single grasp.
+
+{_spreads("of a pair", rows)}
+"""
+
+
 def _columns(schema: pa.Schema) -> str:
     rows = [[f"`{field.name}`", f"`{type_name(field.type)}`", description_of(field)] for field in schema]
     return f"""## Columns
@@ -268,8 +302,8 @@ def parameters_digest(settings: Mapping[str, Sequence[Row]]) -> str:
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def _provenance(content: CardContent) -> str:
-    objects = [
+def _each_object(objects: Sequence[ObjectFacts]) -> str:
+    rows = [
         [
             one.name,
             one.source,
@@ -277,8 +311,26 @@ def _provenance(content: CardContent) -> str:
             " x ".join(f"{1000 * extent:.1f}" for extent in one.extents),
             f"{1000 * one.mass:.1f}",
         ]
-        for one in content.objects
+        for one in objects
     ]
+    return _text_table(["object", "source", "licence", "size (mm)", "mass (g)"], rows)
+
+
+def _by_licence(objects: Sequence[ObjectFacts]) -> str:
+    rows = []
+    for licence in sorted({one.licence for one in objects}):
+        own = [one for one in objects if one.licence == licence]
+        longest = [1000 * max(one.extents) for one in own]
+        masses = [1000 * one.mass for one in own]
+        rows.append(
+            [licence, len(own), f"{min(longest):.1f} to {max(longest):.1f}", f"{min(masses):.1f} to {max(masses):.1f}"]
+        )
+    table = _text_table(["licence", "objects", "longest extent (mm)", "mass (g)"], rows)
+    return f"{table}\n\nThe source of each object is in `data/prepare/<object>/object.json`."
+
+
+def _provenance(content: CardContent) -> str:
+    objects = _each_object(content.objects) if len(content.objects) <= MOST_PAIRS else _by_licence(content.objects)
     versions = ", ".join(f"{name} {version}" for name, version in content.versions.items())
     return f"""## Provenance and licences
 
@@ -286,7 +338,7 @@ Computed by this repository's DVC pipeline from shape recipes and published scan
 Scale `{content.scale}`, seed {content.seed}, parameters `{parameters_digest(content.settings)}` (SHA-256 of their
 values, first 16 digits; `params.yaml` has them, `dvc.lock` the hashes of every file). Packages: {versions}.
 
-{_text_table(["object", "source", "licence", "size (mm)", "mass (g)"], objects)}
+{objects}
 
 Recipes and tables are this project's own work under the [MIT licence](../LICENSE). What is derived from scans of
 the YCB object and model set is passed on under CC BY 4.0 with the credit in [NOTICE](../NOTICE), which also names

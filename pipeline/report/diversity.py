@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from pipeline.hand.moves import finger_joints
 from pipeline.hand.parts import part_points
+from pipeline.records import paths
 from pipeline.records.poses import pose_matrix, transform_points
-from pipeline.report.tables import Tables
+from pipeline.records.tables import VALIDATED, read_table
+from pipeline.report.counting import SYNTHESIZED, PairCounts, Single
 
 SECTORS = 12  # of the compass, 30 degrees each
 PART_FINGERS = {"pinch": ("thumb", "index", "middle"), "side": ("ring",)}
@@ -87,22 +89,22 @@ def compass_sectors(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[n
     return np.floor(np.arctan2(y, x) % (2 * np.pi) / (2 * np.pi) * SECTORS).astype(np.int64) % SECTORS
 
 
-def pair_diversity(merged: pd.DataFrame, firsts: UsedGrasps, seconds: UsedGrasps) -> PairDiversity:
+def pair_diversity(counts: PairCounts, firsts: UsedGrasps, seconds: UsedGrasps) -> PairDiversity:
     """Return how different the accepted grasps of one pair are.
 
     Args:
-        firsts, seconds: hold every single grasp that the accepted rows of ``merged`` name.
+        firsts, seconds: hold every single grasp that the accepted grasps are made of.
     """
-    accepted = merged[merged["rejected_by"] == ""]
-    at0 = np.searchsorted(firsts.grasp_ids, accepted["grasp0_id"].to_numpy(np.int64))
-    at1 = np.searchsorted(seconds.grasp_ids, accepted["grasp1_id"].to_numpy(np.int64))
+    at0, at1 = (
+        np.searchsorted(own.grasp_ids, ids) for own, ids in zip((firsts, seconds), counts.grasp_ids.T, strict=True)
+    )
     apart = np.maximum(firsts.distances[np.ix_(at0, at0)], seconds.distances[np.ix_(at1, at1)])
-    others = apart[np.triu_indices(len(accepted), 1)]
+    others = apart[np.triu_indices(len(at0), 1)]
     uses = [*np.unique(at0, return_counts=True)[1], *np.unique(at1, return_counts=True)[1]]
     return PairDiversity(
         first=firsts.object_name,
         second=seconds.object_name,
-        grasps=len(accepted),
+        grasps=len(at0),
         pinch_grasps=len(np.unique(at0)),
         side_grasps=len(np.unique(at1)),
         most_uses=int(max(uses, default=0)),
@@ -113,16 +115,46 @@ def pair_diversity(merged: pd.DataFrame, firsts: UsedGrasps, seconds: UsedGrasps
     )
 
 
-def diversity(tables: Tables) -> tuple[list[UsedGrasps], list[PairDiversity]]:
-    """Return the used single grasps of every style and object, and the diversity of every pair."""
-    ids: dict[tuple[str, str], set[int]] = {key: set() for key in tables.validated}
-    for (first, second), merged in tables.merged.items():
-        accepted = merged[merged["rejected_by"] == ""]
-        ids["pinch", first] |= set(accepted["grasp0_id"])
-        ids["side", second] |= set(accepted["grasp1_id"])
-    used = {key: used_grasps(*key, tables.validated[key], ids[key]) for key in tables.validated}
+def used_ids(counts: Iterable[PairCounts], singles: Iterable[Single]) -> dict[Single, set[int]]:
+    """Return the ``grasp_id`` of every single grasp that synthesized two-object grasps are made of."""
+    used: dict[Single, set[int]] = {single: set() for single in singles}
+    for pair in counts:
+        if pair.source == SYNTHESIZED:
+            for single, ids in zip(
+                (Single("pinch", pair.first), Single("side", pair.second)), pair.grasp_ids.T, strict=True
+            ):
+                used[single] |= set(ids.tolist())
+    return used
+
+
+def diversity(
+    counts: Sequence[PairCounts], validated: Mapping[Single, pd.DataFrame]
+) -> tuple[list[UsedGrasps], list[PairDiversity]]:
+    """Return the used single grasps of every style and object, and the diversity of every pair.
+
+    Args:
+        counts: of all pairs; those of other sources than the synthesis are left out.
+        validated: the tables of all objects and styles.
+    """
+    used = {
+        single: used_grasps(single.style, single.object_name, validated[single], ids)
+        for single, ids in used_ids(counts, validated).items()
+    }
     pairs = [
-        pair_diversity(merged, used["pinch", first], used["side", second])
-        for (first, second), merged in tables.merged.items()
+        pair_diversity(pair, used[Single("pinch", pair.first)], used[Single("side", pair.second)])
+        for pair in counts
+        if pair.source == SYNTHESIZED
     ]
     return list(used.values()), pairs
+
+
+def read_validated(singles: Iterable[Single]) -> dict[Single, pd.DataFrame]:
+    """Read the validated grasps of some objects.
+
+    Raises:
+        UserError: a table is missing or damaged.
+    """
+    return {
+        one: read_table(paths.validated_file(one.style, one.object_name), VALIDATED, f"validate@{one.style}")
+        for one in singles
+    }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -14,18 +14,22 @@ from numpy.typing import NDArray
 
 from pipeline.compute.fan_out import fan_out
 from pipeline.pictures.camera import framing
-from pipeline.pictures.decimation import decimated
-from pipeline.pictures.render import Body, render
+from pipeline.pictures.decimation import Mesh, decimated
+from pipeline.pictures.render import Body, corner_normals, render
 from pipeline.pictures.robot import hand_bodies
 from pipeline.pictures.table_scene import moment_picture
-from pipeline.records.objects import PreparedObject, load_prepared_object
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.report import ReportParameters
 from pipeline.records.poses import pose_matrix
+from pipeline.records.tables import read_table
 from pipeline.report.chosen_trials import choose_trials, chosen_moments
+from pipeline.report.counting import SYNTHESIZED, grasps_of, trials_of
+from pipeline.report.embedding import FoldedTable
 from pipeline.report.figure_files import contact_sheet
+from pipeline.report.objects import read_mesh
 from pipeline.report.page import SOURCE_TITLES, PairView, Strip
 from pipeline.report.scene import (
+    GRASPS_PER_PAIR,
     MOST_FACES,
     MOST_LINK_FACES,
     OBJECT_COLOURS,
@@ -37,11 +41,9 @@ from pipeline.report.scene import (
     shape_record,
     shown_grasps,
 )
-from pipeline.report.tables import Tables
-from pipeline.report.trial_rows import replay_command
+from pipeline.report.trial_rows import replay_command, trials_table
 
 GRASP_AZIMUTH, GRASP_ELEVATION = 29.0, 13.0  # degrees; as the first view in ``viewer.js``
-POSTER_SIZE = (400, 400)  # pixels
 # Of pictures in the page, which all ride in one file: twice the width at which a strip shows them. The files under
 # reports/figures keep the size that params.yaml asks for.
 PAGE_WIDTH = 320  # pixels
@@ -50,74 +52,118 @@ HAND_LIGHTENING = 0.3  # the interactive view has no fill light: dark links woul
 
 
 @dataclass(frozen=True)
-class PairTask:
-    """What is to be drawn of one pair."""
+class Look:
+    """How much is drawn of a pair, and how finely."""
 
-    names: tuple[str, str]
-    objects: tuple[PreparedObject, PreparedObject]
-    merged: pd.DataFrame
-    trials: dict[str, pd.DataFrame]  # per source, all pairs that begin with the first object
-    settings: ReportParameters
+    width: int  # pixels, of pictures of trials
+    height: int
+    moments: int  # most per trial
+    grasps: int = GRASPS_PER_PAIR  # most merged grasps to turn
+    poster: int = 400  # pixels, edge of the picture of the first one
+    fine: bool = True  # objects in pictures have all their faces; otherwise those of the interactive view
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be drawn and told of one pair."""
+
+    first: str
+    second: str
+    strips: tuple[tuple[str, bool], ...]  # source, and whether a trial that failed is wanted
+    told: tuple[str, ...]  # sources whose trials are listed
+    look: Look
     evaluate: EvaluateParameters
 
 
-def draw_views(
-    tables: Tables,
-    objects: Mapping[str, PreparedObject],
-    settings: ReportParameters,
-    evaluate: EvaluateParameters,
-    workers: int,
-) -> tuple[list[PairView], dict[str, dict[str, list[int]]]]:
-    """Return what is shown of every pair, and the shapes that its interactive grasps place.
+@dataclass(frozen=True)
+class PairTask:
+    """A request with what it needs."""
+
+    request: Request
+    meshes: tuple[Mesh, Mesh]
+    merged: pd.DataFrame  # of all pairs that begin with the first object, likewise the next
+    trials: Mapping[str, pd.DataFrame]  # per source
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What is shown of a pair."""
+
+    view: PairView
+    shapes: dict[str, dict[str, list[int]]]  # of its objects, see ``scene.shape_record``
+    tables: dict[str, FoldedTable]  # trials per source
+
+
+def full_look(settings: ReportParameters) -> Look:
+    """Return how a pair is shown where there are few."""
+    return Look(settings.picture_width, settings.picture_height, settings.pictures_per_trial)
+
+
+def small_look(settings: ReportParameters) -> Look:
+    """Return how a pair is shown among many: fewer and smaller pictures, as their cost grows with the pixels."""
+    width = min(settings.picture_width, 180)
+    height = round(settings.picture_height * width / settings.picture_width)
+    return Look(width, height, min(settings.pictures_per_trial, 4), grasps=3, poster=160, fine=False)
+
+
+def draw_pairs(requests: Sequence[Request], workers: int) -> list[Drawn]:
+    """Return what is shown of every pair.
 
     Args:
-        objects: every object of the tables.
         workers: processes to draw with; see ``compute.fan_out``.
-    """
-    tasks = [
-        PairTask(
-            names=(first, second),
-            objects=(objects[first], objects[second]),
-            merged=merged,
-            trials={source: own for (source, name), own in tables.trials.items() if name == first},
-            settings=settings,
-            evaluate=evaluate,
-        )
-        for (first, second), merged in tables.merged.items()
-    ]
-    views = fan_out(draw_view, tasks, workers, "pictures of pairs")
-    used = {name for view in views if view.grasps for name in (view.first, view.second)}
-    shapes = {f"object/{name}": shape_record(decimated(_mesh(objects[name]), MOST_FACES)) for name in sorted(used)}
-    return views, (shapes | _link_shapes() if used else {})
-
-
-def draw_view(task: PairTask) -> PairView:
-    """Return what is shown of one pair: some merged grasps, and a successful and a failed trial of every source."""
-    chosen = {source: choose_trials(*task.names, trials) for source, trials in task.trials.items()}
-    shown = [row for choice in chosen.values() for row in (choice.success, choice.failure) if row is not None]
-    used = [int(row["merged_id"]) for row in shown if row["source"] == "synthesized"]
-    grasps = shown_grasps(task.merged, used).to_dict("records")
-    return PairView(
-        first=task.names[0],
-        second=task.names[1],
-        grasps=[grasp_record(grasp, _placed_links(np.asarray(grasp["q"]))) for grasp in grasps],
-        rows=[grasp_row(grasp) for grasp in grasps],
-        poster=grasp_poster(grasps[0], task.objects) if grasps else None,
-        strips=[trial_strip(row, task.objects, task.settings, task.evaluate) for row in shown],
-    )
-
-
-def load_objects(tables: Tables) -> dict[str, PreparedObject]:
-    """Load every object that the tables name.
 
     Raises:
-        UserError: a prepared object is missing or damaged.
+        UserError: a table or a prepared object is missing or damaged.
     """
-    return {name: load_prepared_object(name) for name in sorted({name for pair in tables.merged for name in pair})}
+    return fan_out(read_and_draw, requests, workers, "pictures of pairs")
 
 
-def _mesh(prepared: PreparedObject) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    return prepared.vertices, prepared.faces
+def read_and_draw(request: Request) -> Drawn:
+    """Read what a request needs and draw it; a run of many pairs does not fit into memory at once."""
+    told = dict.fromkeys([*request.told, *(source for source, _ in request.strips)])
+    merged = read_table(*grasps_of(SYNTHESIZED, request.first)) if SYNTHESIZED in request.told else pd.DataFrame()
+    trials = {source: read_table(*trials_of(source, request.first)) for source in told}
+    return draw_pair(PairTask(request, (read_mesh(request.first), read_mesh(request.second)), merged, trials))
+
+
+def draw_pair(task: PairTask) -> Drawn:
+    """Return what is shown of one pair: some merged grasps, the trials that the request names, and lists of trials."""
+    request, pair = task.request, (task.request.first, task.request.second)
+    chosen = {source: choose_trials(*pair, task.trials[source]) for source, _ in request.strips}
+    wanted = [chosen[source].failure if failed else chosen[source].success for source, failed in request.strips]
+    shown = [row for row in wanted if row is not None]
+    used = [int(row["merged_id"]) for row in shown if row["source"] == SYNTHESIZED]
+    grasps = []
+    if request.look.grasps and len(task.merged):
+        own = task.merged[task.merged["object1"] == request.second]
+        grasps = shown_grasps(own, used, request.look.grasps).to_dict("records")
+    shapes = [decimated(mesh, MOST_FACES) for mesh in task.meshes] if grasps or not request.look.fine else []
+    bodies = _bodies(task.meshes if request.look.fine else shapes) if grasps or shown else []
+    view = PairView(
+        first=request.first,
+        second=request.second,
+        grasps=[grasp_record(grasp, _placed_links(np.asarray(grasp["q"]))) for grasp in grasps],
+        rows=[grasp_row(grasp) for grasp in grasps],
+        poster=grasp_poster(grasps[0], bodies, request.look.poster) if grasps else None,
+        strips=[trial_strip(row, bodies, request.look, request.evaluate) for row in shown],
+    )
+    records = {f"object/{name}": shape_record(shape) for name, shape in zip(pair, shapes, strict=False) if grasps}
+    return Drawn(view, records, {source: trials_table(source, *pair, task.trials[source]) for source in request.told})
+
+
+def opening_view(drawn: Iterable[Drawn]) -> PairView | None:
+    """Return the first successful trial that was drawn, as all that is shown of its pair; None if all failed."""
+    for one in drawn:
+        for strip in one.view.strips:
+            if not strip.failed:
+                return PairView(one.view.first, one.view.second, grasps=[], rows=[], poster=None, strips=[strip])
+    return None
+
+
+def all_shapes(drawn: Iterable[Drawn]) -> dict[str, dict[str, list[int]]]:
+    """Return the shapes that the interactive grasps of all pairs place, those of the hand among them."""
+    shapes = dict(sorted((name, shape) for one in drawn for name, shape in one.shapes.items()))
+    return shapes | _link_shapes() if shapes else {}
 
 
 @lru_cache(maxsize=1)
@@ -138,46 +184,53 @@ def _placed_links(q: NDArray[np.float64]) -> list[tuple[str, NDArray[np.float64]
     ]
 
 
-def _object_bodies(pair: Sequence[PreparedObject], poses: Sequence[NDArray[np.float64]]) -> list[Body]:
+def _bodies(meshes: Sequence[Mesh]) -> list[Body]:
+    """Return both objects of a pair in their own frames."""
     return [
-        Body(prepared.vertices, prepared.faces, fractions(colour), T)
-        for prepared, colour, T in zip(pair, OBJECT_COLOURS, poses, strict=True)
+        Body(*mesh, fractions(colour), normals=corner_normals(*mesh))
+        for mesh, colour in zip(meshes, OBJECT_COLOURS, strict=True)
     ]
 
 
-def grasp_poster(grasp: Mapping[str, Any], pair: Sequence[PreparedObject]) -> bytes:
-    """Return a WebP of a merged grasp (a row of a merged table), seen as in the interactive view."""
+def _placed(objects: Sequence[Body], poses: Sequence[NDArray[np.float64]]) -> list[Body]:
+    return [body.placed(T) for body, T in zip(objects, poses, strict=True)]
+
+
+def grasp_poster(grasp: Mapping[str, Any], objects: Sequence[Body], size: int) -> bytes:
+    """Return a square WebP of a merged grasp (a row of a merged table), seen as in the interactive view.
+
+    Args:
+        size: pixels of its edge.
+    """
     bodies = hand_bodies(np.eye(4), np.asarray(grasp["q"]))
-    bodies += _object_bodies(pair, [object_pose(grasp, index) for index in (0, 1)])
+    bodies += _placed(objects, [object_pose(grasp, index) for index in (0, 1)])
     points = np.concatenate([body.world_vertices() for body in bodies])
-    width, height = POSTER_SIZE
-    camera = framing(points, GRASP_AZIMUTH, GRASP_ELEVATION, aspect=width / height)
-    return as_webp(render(bodies, camera, width, height))
+    camera = framing(points, GRASP_AZIMUTH, GRASP_ELEVATION, aspect=1.0)
+    return as_webp(render(bodies, camera, size, size))
 
 
 def trial_strip(
     trial: Mapping[str, Any],
-    pair: Sequence[PreparedObject],
-    settings: ReportParameters,
+    objects: Sequence[Body],
+    look: Look,
     evaluate: EvaluateParameters,
 ) -> Strip:
     """Return pictures of one trial (a row of a trials table) from its remembered moments."""
     phases = [str(phase) for phase in trial["snapshot_phases"]]
-    moments = chosen_moments(phases, settings.pictures_per_trial)
+    moments = chosen_moments(phases, look.moments)
     pictures = []
     for moment in moments:
         world = np.asarray([trial["snapshot_pose0"][moment], trial["snapshot_pose1"][moment]], dtype=np.float64)
         robot_q = np.asarray(trial["snapshot_robot_q"][moment], dtype=np.float64)
-        bodies = _object_bodies(pair, list(pose_matrix(world[:, :3], world[:, 3:])))
-        size = settings.picture_width, settings.picture_height
-        pictures.append(moment_picture(robot_q, bodies, evaluate.sponge_height, *size))
+        bodies = _placed(objects, list(pose_matrix(world[:, :3], world[:, 3:])))
+        pictures.append(moment_picture(robot_q, bodies, evaluate.sponge_height, look.width, look.height))
     success = bool(trial["success"])
     outcome = "success" if success else f"failed: {trial['reason']}"
     return Strip(
         title=f"Trial {trial['trial']}, {SOURCE_TITLES[trial['source']]}, {outcome}",
         source=str(trial["source"]),
         trial=int(trial["trial"]),
-        shape=(settings.picture_width, settings.picture_height),
+        shape=(look.width, look.height),
         replay=replay_command(trial["source"], trial["object0"], trial["object1"], trial["trial"]),
         captions=(captions := [phases[moment] for moment in moments]),
         pictures=[as_webp(picture) for picture in pictures],

@@ -9,10 +9,37 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.report.charts import ink_on, percent, scale_colour
+from pipeline.report.charts import MOST_CELLS, PASSED_COLOUR, ink_on, percent, scale_colour
 from pipeline.report.rates import PairTrials
 
 MOST_COLUMNS = 6  # pictures in one row of a strip
+
+
+def success_picture(pairs: Sequence[PairTrials]) -> bytes:
+    """Return the success per pair as PNG: a heat map, or a histogram where it would not be readable."""
+    cells = len({pair.first for pair in pairs}) * len({pair.second for pair in pairs})
+    return heat_map_picture(pairs) if cells <= MOST_CELLS else histogram_picture(pairs)
+
+
+def histogram_picture(pairs: Sequence[PairTrials]) -> bytes:
+    """Return how many pairs have which success rate as PNG."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7, 3.2), dpi=120, layout="tight")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.hist([100 * pair.success_rate for pair in pairs], bins=range(0, 101, 5), color=PASSED_COLOUR, rwidth=0.92)
+    axes.set_xlabel("success of a pair (%)")
+    axes.set_ylabel("pairs")
+    axes.spines[["top", "right"]].set_visible(False)
+    return _png(figure)
+
+
+def _png(figure: Any) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", metadata={"Software": None})
+    return buffer.getvalue()
 
 
 def heat_map_picture(pairs: Sequence[PairTrials]) -> bytes:
@@ -41,9 +68,7 @@ def heat_map_picture(pairs: Sequence[PairTrials]) -> bytes:
     axes.xaxis.set_label_position("top")
     axes.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
     axes.spines[:].set_visible(False)
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", metadata={"Software": None})
-    return buffer.getvalue()
+    return _png(figure)
 
 
 def contact_sheet(pictures: Sequence[NDArray[np.uint8]], captions: Sequence[str]) -> bytes:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
@@ -15,7 +15,8 @@ from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.tables import TRIALS, read_table
 from pipeline.report import meanings
 from pipeline.report.charts import Cell, Link, bars_with_table, percent, table
-from pipeline.report.rates import PairTrials, mean, pair_trials, ratio
+from pipeline.report.counting import trials_of
+from pipeline.report.rates import MOST_PAIRS, PairTrials, mean, pair_trials, ratio, summed
 from pipeline.report.settings import described
 from pipeline.report.trial_rows import trials_key
 
@@ -52,18 +53,21 @@ class Harder:
         """Trials of all pairs."""
         return sum(pair.trials for pair in self.pairs)
 
+    @property
+    def shown(self) -> list[tuple[str, str]]:
+        """The pairs that the page shows one by one: all, or none where there are many."""
+        return [(pair.first, pair.second) for pair in self.pairs] if len(self.pairs) <= MOST_PAIRS else []
+
 
 def load_harder(
     parameters: HarderParameters,
     evaluate: EvaluateParameters,
     physics: PhysicsParameters,
-    trials: Mapping[tuple[str, str], pd.DataFrame],
 ) -> list[Harder]:
     """Read the tables of all settings and compare them with the standard trials.
 
     Args:
         evaluate, physics: of the standard trials.
-        trials: tables of the standard trials by (source, first object).
 
     Raises:
         UserError: a table is missing or damaged.
@@ -71,8 +75,8 @@ def load_harder(
     firsts = dict.fromkeys(first for first, _ in parameters.pairs)
     found = []
     for name, setting in parameters.settings.items():
-        rows = read_table(paths.harder_file(name), TRIALS, f"evaluate-harder@{name}")
-        standard = pd.concat([trials[setting.source, first] for first in firsts])
+        rows = read_table(paths.harder_file(name), TRIALS, "evaluate-harder")
+        standard = pd.concat([read_table(*trials_of(setting.source, first)) for first in firsts])
         found.append(compared(name, setting, rows, standard, parameters.pairs, changes_of(setting, evaluate, physics)))
     return found
 
@@ -114,11 +118,7 @@ def compared(
 
 def reasons_of(pairs: Sequence[PairTrials]) -> dict[str, int]:
     """Return how many trials of all pairs ended for which reason, sorted by reason."""
-    counts: dict[str, int] = {}
-    for pair in pairs:
-        for reason, count in pair.reasons.items():
-            counts[reason] = counts.get(reason, 0) + count
-    return dict(sorted(counts.items()))
+    return summed(pair.reasons for pair in pairs)
 
 
 def harder_summary(found: Sequence[Harder]) -> dict[str, float | int]:
@@ -137,7 +137,7 @@ def harder_summary(found: Sequence[Harder]) -> dict[str, float | int]:
             f"{prefix}.lost": ratio(one.lost, one.trials),
             f"{prefix}.gained": ratio(one.gained, one.trials),
         }
-        for pair in one.pairs:
+        for pair in one.pairs if len(one.pairs) <= MOST_PAIRS else ():
             item = f"{prefix}.{pair.first}--{pair.second}"
             values |= {f"{item}.success_rate": pair.success_rate, f"{item}.success_rate_10cm": pair.success_rate_10cm}
     return values
@@ -160,10 +160,14 @@ def _columns(found: Sequence[Harder]) -> list[Column]:
     return columns
 
 
-def _rates_table(columns: Sequence[Column], released_rule: bool) -> str:
-    """Return success per pair and column, each a link to the trials; by the released code's rule or by the paper's."""
+def _rates_table(found: Sequence[Harder], released_rule: bool) -> str:
+    """Return success per pair and column, each a link to the trials; by the released code's rule or by the paper's.
+
+    Past ``MOST_PAIRS`` pairs, only the means are told.
+    """
+    columns = _columns(found)
     rows: list[list[Cell]] = []
-    for index, pair in enumerate(columns[0][2]):
+    for index, pair in enumerate(columns[0][2] if found[0].shown else ()):
         cells = []
         for _, source, pairs in columns:
             own = pairs[index]
@@ -209,9 +213,9 @@ def harder_section(found: Sequence[Harder], criterion: str, hand_torque_limit: f
         "those of the materials: where two touch, physics takes their mean. In the standard trials no joint of the "
         f"hand gives more than {hand_torque_limit:g} N m. <code>docs/harder.md</code> says why these values.</p>\n"
         f"{table(['setting', 'parameter', 'standard', 'here', 'meaning'], changed)}"
-        f"<h3>Success: both objects up, {escape(criterion)}</h3>\n{_rates_table(columns, False)}"
+        f"<h3>Success: both objects up, {escape(criterion)}</h3>\n{_rates_table(found, False)}"
         "<h3>Success by the released code’s rule: more than 10 cm at the end of the lift</h3>\n"
-        f"{_rates_table(columns, True)}"
+        f"{_rates_table(found, True)}"
         "<h3>Trial by trial</h3>\n<p>Lost: the standard trial of the same number succeeded, this one did not. Gained: "
         f"the other way round.</p>\n{table(headers, sums)}"
         "<h3>Why trials failed</h3>\n"

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -14,9 +12,8 @@ import pandas as pd
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
-from pipeline.records.parameters.objects import StylesParameters
-from pipeline.records.tables import MERGED, read_table
-from pipeline.report.charts import CATEGORY_COLOURS, bars_with_table, numbers, percent, table
+from pipeline.records.reading import read_json
+from pipeline.report.charts import CATEGORY_COLOURS, bars_with_table, numbers, percent, spread_table, table
 from pipeline.report.comparisons import (
     ABLATION,
     ABLATION_FILE,
@@ -27,7 +24,7 @@ from pipeline.report.comparisons import (
     read_comparison,
 )
 from pipeline.report.meanings import MERGE, explained
-from pipeline.report.rates import PairMerge, PairTrials, mean, pair_merge
+from pipeline.report.rates import MOST_PAIRS, PairMerge, PairTrials, mean, ratio, spread, summed
 
 PASSED = "passed"
 LOSSES = {
@@ -42,14 +39,18 @@ class Learned:
     """What the model's stages left behind."""
 
     history: Sequence[Mapping[str, float]]  # rows of history.csv
-    quality: Mapping[tuple[str, str], Mapping[str, Any]]  # per pair, see pipeline.train.sample
+    quality: Mapping[tuple[str, str], Mapping[str, Any]]  # per pair, see `load_quality`
     samples: Sequence[PairMerge]  # fates of the samples that were tried
     objectives: Comparison | None = None  # published ones, of other runs
     ablation: Comparison | None = None
 
 
-def load_learned(styles: StylesParameters) -> Learned:
-    """Read what ``train`` and ``sample`` wrote for the pairs of ``styles``.
+def load_learned(quality: Mapping[tuple[str, str], Mapping[str, Any]], samples: Sequence[PairMerge]) -> Learned:
+    """Read what ``train`` and scripts of ``benchmarks/`` say of the model.
+
+    Args:
+        quality: see :func:`load_quality`.
+        samples: fates of the samples of the same pairs.
 
     Raises:
         UserError: a file is missing or damaged.
@@ -60,27 +61,28 @@ def load_learned(styles: StylesParameters) -> Learned:
         raise UserError(
             f"{paths.MODEL_FOLDER}/history.csv is missing or damaged; run `dvc repro train` to make it again."
         ) from error
-    pairs = [(first, second) for first in styles.pinch for second in styles.side]
-    figures = {first: _read_quality(first) for first in styles.pinch}
     return Learned(
         history=[{str(name): value for name, value in row.items()} for row in history],
-        quality={(first, second): figures[first][second] for first, second in pairs},
-        samples=[
-            pair_merge(first, second, read_table(paths.sampled_file(first, second), MERGED, f"sample@{first}"))
-            for first, second in pairs
-        ],
+        quality=quality,
+        samples=samples,
         objectives=read_comparison(OBJECTIVES_FILE, OBJECTIVES),
         ablation=read_comparison(ABLATION_FILE, ABLATION),
     )
 
 
-def _read_quality(first: str) -> dict[str, Any]:
-    source: Path = paths.sampled_folder(first) / "quality.json"
+def load_quality(source: str, partners: Mapping[str, Sequence[str]]) -> dict[tuple[str, str], Mapping[str, Any]]:
+    """Read the figures on what the model drew for every pair of one source.
+
+    Raises:
+        UserError: the file is missing or damaged, or lacks a pair.
+    """
+    file = paths.sample_quality_file(source)
+    mend = f"run `dvc repro sample@{source}` to make it again"
+    content = read_json(file, mend)
     try:
-        content: dict[str, Any] = json.loads(source.read_text())
-    except (OSError, ValueError) as error:
-        raise UserError(f"{source} is missing or damaged; run `dvc repro sample@{first}` to make it again.") from error
-    return content
+        return {(first, second): content[first][second] for first, own in partners.items() for second in own}
+    except (KeyError, TypeError) as error:
+        raise UserError(f"{file} lacks a pair of params.yaml ({error}); delete it and {mend}.") from error
 
 
 def learned_summary(learned: Learned, trials: Sequence[PairTrials]) -> dict[str, float | int]:
@@ -107,10 +109,15 @@ def learned_summary(learned: Learned, trials: Sequence[PairTrials]) -> dict[str,
     by_training = [own["held_out_by_training"] for own in learned.quality.values() if own["held_out_by_training"]]
     if by_training:
         values["train.held_out_covered_by_training"] = mean([own["covered"] for own in by_training])
-    for fates in learned.samples:
-        item = f"sample.{fates.first}--{fates.second}"
-        values |= {f"{item}.tried": fates.tried, f"{item}.accepted": fates.accepted}
-        values[f"{item}.acceptance_rate"] = fates.acceptance_rate
+    if len(learned.samples) <= MOST_PAIRS:
+        for fates in learned.samples:
+            item = f"sample.{fates.first}--{fates.second}"
+            values |= {f"{item}.tried": fates.tried, f"{item}.accepted": fates.accepted}
+            values[f"{item}.acceptance_rate"] = fates.acceptance_rate
+    else:
+        tried, accepted = (sum(getattr(one, name) for one in learned.samples) for name in ("tried", "accepted"))
+        values |= {"sample.tried": tried, "sample.accepted": accepted, "sample.acceptance_rate": ratio(accepted, tried)}
+        values["sample.min_per_pair"] = min(fates.accepted for fates in learned.samples)
     unseen = [pair for pair in trials if not learned.quality[pair.first, pair.second]["trained"]]
     if unseen:
         values["evaluate.learned.held_out_pairs.pairs"] = len(unseen)
@@ -118,8 +125,7 @@ def learned_summary(learned: Learned, trials: Sequence[PairTrials]) -> dict[str,
     return values
 
 
-def learned_section(learned: Learned) -> str:
-    """Return the curve, the quality of samples per pair, and the fates of those that were tried."""
+def _quality_table(learned: Learned) -> str:
     rows = []
     for (first, second), own in learned.quality.items():
         cells = [f"{first} + {second}".replace("_", " "), "yes" if own["trained"] else "no", str(own["drawn"])]
@@ -134,10 +140,46 @@ def learned_section(learned: Learned) -> str:
     headers = ["pair", "trained together", "drawn", "overlap, raw (mm)", "ranked", "contact distance, raw (mm)"]
     headers += ["ranked", "kept grasps that a sample is near to", "that one of as many training grasps is near to"]
     headers += ["distance to the nearest sample (mm)"]
-    bars = [
-        (f"{fates.first} + {fates.second}".replace("_", " "), {PASSED: fates.accepted, **fates.rejected})
-        for fates in learned.samples
+    return table(headers, rows)
+
+
+def _quality_spreads(learned: Learned) -> str:
+    """Return the same figures as distributions over the pairs."""
+    every = list(learned.quality.values())
+
+    def values(part: str, name: str) -> list[float]:
+        return [own[part][name] for own in every if own[part]]
+
+    figures = [
+        (f"{title}, {state} (mm)", values(part, name), 2)
+        for title, name in (
+            ("overlap", "penetration_mm_median"),
+            ("contact distance", "contact_distance_mm_median"),
+        )
+        for part, state in (("raw", "raw"), ("ranked", "ranked"))
     ]
+    figures += [
+        ("kept grasps that a sample is near to (%)", [100 * one for one in values("held_out", "covered")], 1),
+        (
+            "that one of as many training grasps is near to (%)",
+            [100 * one for one in values("held_out_by_training", "covered")],
+            1,
+        ),
+        ("distance to the nearest sample (mm)", values("held_out", "nearest_mm_median"), 1),
+    ]
+    return spread_table("figure of a pair", [(title, len(own), spread(own), digits) for title, own, digits in figures])
+
+
+def learned_section(learned: Learned) -> str:
+    """Return the curve, the quality of samples per pair, and the fates of those that were tried."""
+    if few := len(learned.samples) <= MOST_PAIRS:
+        bars = [
+            (f"{fates.first} + {fates.second}".replace("_", " "), {PASSED: fates.accepted, **fates.rejected})
+            for fates in learned.samples
+        ]
+    else:
+        accepted = sum(fates.accepted for fates in learned.samples)
+        bars = [("all pairs", {PASSED: accepted, **summed(fates.rejected for fates in learned.samples)})]
     return (
         "<p>A generative model, conditioned on the point clouds of both objects, is trained on the merged grasps. Its "
         "samples are refined on the grasp energy, ranked by it, and checked like any merged grasp; what passes is "
@@ -149,7 +191,7 @@ def learned_section(learned: Learned) -> str:
         "<p>Medians. Overlap: the deepest point of hand or object inside the other. Contact distance: of the assigned "
         "contacts to the surface. Ranked: refined, and accepted by the checks. A sample is near to a grasp that was "
         "kept from training when points of the hand are less than 15 mm off on average.</p>\n"
-        f"{table(headers, rows)}"
+        f"{_quality_table(learned) if few else _quality_spreads(learned)}"
         "<h3>Samples that were tried, by the first check that they failed</h3>\n"
         + bars_with_table(bars, PASSED, "Fate of samples per pair", "pair")
         + explained((check for fates in learned.samples for check in fates.rejected), MERGE)

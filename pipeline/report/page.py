@@ -10,6 +10,7 @@ from typing import Any
 
 from pipeline.report import paper
 from pipeline.report.charts import (
+    MOST_CELLS,
     Cell,
     Link,
     anchor,
@@ -21,11 +22,25 @@ from pipeline.report.charts import (
     percent,
     table,
 )
+from pipeline.report.chosen_trials import chosen_moments
+from pipeline.report.counting import SYNTHESIZED, PairCounts
 from pipeline.report.embedding import FoldedTable, compressed_block, fold, tables_block
 from pipeline.report.harder import PREFIX, Harder, harder_section
 from pipeline.report.learned import Learned, learned_section
+from pipeline.report.many import (
+    SINGLE_HEADERS,
+    WorstPair,
+    every_row,
+    merges_of_many,
+    object_tables,
+    single_row,
+    single_tables,
+    singles_of_many,
+    success_of_many,
+    worst_table,
+)
 from pipeline.report.meanings import MERGE, SYNTHESIS, TRIALS, VALIDATION, explained
-from pipeline.report.rates import Funnel, PairMerge, PairTrials, ratio, wilson_interval
+from pipeline.report.rates import MOST_PAIRS, Funnel, PairMerge, PairTrials, wilson_interval
 from pipeline.report.reconstructed import Reconstructed, reconstructed_section
 from pipeline.report.scene import GRASP_HEADERS
 from pipeline.report.settings import Row
@@ -34,6 +49,11 @@ from pipeline.report.trial_rows import trials_key
 
 PASSED = "passed"
 SUCCESS = "success"
+MOST_TILES = 6  # in the first row
+OPENING_PICTURES = 6
+MOST_SETTINGS = 120  # rows of one section of params.yaml
+MOST_LETTERS = 400  # of one value
+PAIR_KEY = "pair-"
 SOURCE_TITLES = {
     "synthesized": "synthesized grasps",
     "learned": "grasps of the learned model",
@@ -90,6 +110,10 @@ class PageContent:
     hand_torque_limit: float  # N m
     versions: Mapping[str, str]
     settings: Mapping[str, Sequence[Row]]  # per section of params.yaml
+    drift_limit: float  # m, largest motion in the hand that merging lets pass
+    opening: PairView | None = None  # a pair with one successful trial, which stands on top of the page
+    counts: Sequence[PairCounts] = ()  # of all pairs and sources
+    worst: Sequence[WorstPair] = ()  # the pairs that ``views`` show, where there are too many to show all
     learned: Learned | None = None
     reconstructed: Mapping[str, Reconstructed] = field(default_factory=dict)  # per capture
     harder: Sequence[Harder] = ()
@@ -110,7 +134,7 @@ def _pair(first: str, second: str) -> str:
 
 def pair_key(first: str, second: str) -> str:
     """Return the id of what is shown of a pair."""
-    return f"pair-{first}--{second}"
+    return f"{PAIR_KEY}{first}--{second}"
 
 
 def grasps_key(first: str, second: str) -> str:
@@ -129,6 +153,9 @@ def build_page(content: PageContent, plotly_source: str) -> str:
     scene_data = {"unit": content.shape_unit, "shapes": content.shapes, "pairs": scenes}
     tables = {trials_key(*key): rows for key, rows in content.trial_tables.items()}
     tables |= {grasps_key(view.first, view.second): FoldedTable(GRASP_HEADERS, view.rows) for view in content.views}
+    tables |= object_tables({source: own for source, own in content.trials.items() if len(own) > MOST_PAIRS})
+    tables |= single_tables(content.funnels) if len(content.funnels) > MOST_PAIRS else {}
+    shown = f"The {len(content.worst)} pairs that fare worst" if content.worst else "Every pair"
     sections = [
         ("done", "What was done", done_section(content)),
         *[
@@ -146,9 +173,9 @@ def build_page(content: PageContent, plotly_source: str) -> str:
             if (photographed := content.reconstructed)
             else []
         ),
-        ("pairs", "Every pair: grasps and trials", pairs_section(content.views, content.trial_tables)),
+        ("pairs", f"{shown}: grasps and trials", pairs_section(content)),
         ("single", "Single grasps", single_section(content.funnels)),
-        ("merge", "Merging", merge_section(content.merges)),
+        ("merge", "Merging", merge_section(content)),
         ("settings", "Settings", settings_section(content.settings)),
         ("versions", "Versions and durations", versions_section(content.versions)),
     ]
@@ -160,7 +187,8 @@ def build_page(content: PageContent, plotly_source: str) -> str:
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>Sequential grasping: report</title>\n<style>\n{css}</style></head>\n<body>\n"
         "<header><h1>One hand, two objects, one after the other</h1>\n"
-        f"{headline(content)}<nav>{contents}</nav></header>\n"
+        f"{opening_strip(content.opening)}{result_sentence(content.trials)}{headline(content)}"
+        f"<nav>{contents}</nav></header>\n"
         f"<main>\n{body}</main>\n"
         "<footer><p>Every figure comes from the tables under <code>data/</code>; <code>docs/metrics.md</code> defines "
         "each key of <code>reports/summary.json</code>.</p></footer>\n"
@@ -172,36 +200,46 @@ def build_page(content: PageContent, plotly_source: str) -> str:
     )
 
 
+def opening_strip(opening: PairView | None) -> str:
+    """Return a successful trial in a few pictures, without a number; '' where there is none."""
+    if opening is None:
+        return ""
+    strip = opening.strips[0]
+    figures = "".join(
+        _figure(strip, moment) for moment in chosen_moments(strip.captions, min(OPENING_PICTURES, len(strip.captions)))
+    )
+    words = f"A trial of the simulated robot: first the {_spoken(opening.first)}, then the {_spoken(opening.second)}."
+    return f'<div class="opening"><div class="strip">{figures}</div><p class="under">{escape(words)}</p></div>\n'
+
+
+def result_sentence(trials: Mapping[str, Sequence[PairTrials]]) -> str:
+    """Return the result in one sentence: the share of all trials that succeed, with its interval."""
+    parts = []
+    for source, pairs in trials.items():
+        tried, successes = sum(pair.trials for pair in pairs), sum(pair.successes for pair in pairs)
+        if tried:
+            low, high = wilson_interval(successes, tried)
+            parts.append(
+                f"in <b>{percent(successes / tried)}</b> of {tried} trials with {escape(SOURCE_TITLES[source])} "
+                f"(95\u202f% interval {100 * low:.1f}–{100 * high:.1f}\u202f%)"
+            )
+    if not parts:
+        return '<p class="result">No trial was made.</p>\n'
+    said = parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+    return f'<p class="result">The robot lifted both objects {said}.</p>\n'
+
+
 def headline(content: PageContent) -> str:
-    """Return the tiles with the headline figures."""
-    summary = content.summary
-    tiles = []
-    for source, pairs in content.trials.items():
-        mean, least = (summary[f"evaluate.{source}.{key}"] for key in ("success_rate_mean", "success_rate_min_pair"))
-        title = SOURCE_TITLES[source]
-        known = source in paper.MEAN_SUCCESS
-        beside = f" (paper {percent(paper.MEAN_SUCCESS[source])} over its {paper.PAIRS} pairs)" if known else ""
-        tiles.append(("main", percent(float(mean)), f"mean success over {len(pairs)} pairs, {title}{beside}"))
-        published = f" (paper {percent(paper.MINIMUM_SUCCESS[source])})" if source in paper.MINIMUM_SUCCESS else ""
-        tiles.append(("main", percent(float(least)), f"success of the worst pair, {title}{published}"))
-        tiles.append(("", str(summary[f"evaluate.{source}.trials"]), f"trials with the whole robot, {title}"))
-        reachable = percent(float(summary[f"evaluate.{source}.reachable_rate"]))
-        tiles.append(("", reachable, f"of grasps within reach of the arm, {title}: moves were found for both picks"))
-    survival = percent(float(summary["validate.survival_rate_mean"]))
-    tiles += [
-        (
-            "",
-            percent(float(summary["merge.acceptance_rate_mean"])),
-            "of random pairs of validated single grasps merge (mean over pairs)",
-        ),
-        ("", str(summary["merge.grasps"]), f"two-object grasps, at least {summary['merge.min_per_pair']} per pair"),
-        (
-            "",
-            str(summary["validate.validated"]),
-            f"validated single grasps ({survival} of all chains, mean over objects)",
-        ),
-        ("", str(summary["scale"]), "scale of this run"),
-    ]
+    """Return the tiles with the headline figures: one row of the most important, the others folded under it."""
+    first, others = headline_tiles(content)
+    more = f"<summary>More figures</summary>\n{_tiles(others)}" if others else ""
+    return _tiles(first) + (f'<details class="numbers">{more}</details>\n' if more else "")
+
+
+Tile = tuple[str, str, str]  # class, figure, words
+
+
+def _tiles(tiles: Sequence[Tile]) -> str:
     return (
         '<div class="tiles">'
         + "".join(
@@ -210,6 +248,44 @@ def headline(content: PageContent) -> str:
         )
         + "</div>\n"
     )
+
+
+def headline_tiles(content: PageContent) -> tuple[list[Tile], list[Tile]]:
+    """Return the tiles of the first row, and all others."""
+    summary = content.summary
+    means: list[Tile] = []
+    worst: list[Tile] = []
+    others: list[Tile] = []
+    for source, pairs in content.trials.items():
+        mean, least = (summary[f"evaluate.{source}.{key}"] for key in ("success_rate_mean", "success_rate_min_pair"))
+        title = SOURCE_TITLES[source]
+        known = source in paper.MEAN_SUCCESS
+        beside = f" (paper {percent(paper.MEAN_SUCCESS[source])} over its {paper.PAIRS} pairs)" if known else ""
+        means.append(("main", percent(float(mean)), f"mean success over {len(pairs)} pairs, {title}{beside}"))
+        published = f" (paper {percent(paper.MINIMUM_SUCCESS[source])})" if source in paper.MINIMUM_SUCCESS else ""
+        worst.append(("", percent(float(least)), f"success of the worst pair, {title}{published}"))
+        others.append(("", str(summary[f"evaluate.{source}.trials"]), f"trials with the whole robot, {title}"))
+        reachable = percent(float(summary[f"evaluate.{source}.reachable_rate"]))
+        others.append(("", reachable, f"of grasps within reach of the arm, {title}: moves were found for both picks"))
+    survival = percent(float(summary["validate.survival_rate_mean"]))
+    made: list[Tile] = [
+        ("", str(summary["merge.grasps"]), f"two-object grasps, at least {summary['merge.min_per_pair']} per pair"),
+        (
+            "",
+            str(summary["validate.validated"]),
+            f"validated single grasps ({survival} of all chains, mean over objects)",
+        ),
+    ]
+    others += [
+        (
+            "",
+            percent(float(summary["merge.acceptance_rate_mean"])),
+            "of random pairs of validated single grasps merge (mean over pairs)",
+        ),
+        ("", str(summary["scale"]), "scale of this run"),
+    ]
+    first = [*means, *worst[:1], *made][:MOST_TILES]
+    return first, [*worst[1:], *others]
 
 
 def done_section(content: PageContent) -> str:
@@ -229,6 +305,9 @@ def done_section(content: PageContent) -> str:
 
 def success_section(content: PageContent, source: str, pairs: Sequence[PairTrials]) -> str:
     """Return heat map, figures per pair, and failure reasons of one source of grasps."""
+    if len(pairs) > MOST_PAIRS:
+        published = _paper_success(content.summary, f"evaluate.{source}", pairs)
+        return success_of_many(source, pairs, content.criterion, published)
     firsts, seconds = list(dict.fromkeys(p.first for p in pairs)), list(dict.fromkeys(p.second for p in pairs))
     rates = {(p.first, p.second): p.success_rate for p in pairs}
     targets = {(p.first, p.second): trials_key(source, p.first, p.second) for p in pairs}
@@ -267,12 +346,18 @@ def success_section(content: PageContent, source: str, pairs: Sequence[PairTrial
     ]
     bars = [(_pair(p.first, p.second), {SUCCESS: p.successes, **p.reasons}) for p in pairs]
     cells: dict[tuple[str, str], Cell] = {key: Link(notes[key], targets[key]) for key in notes}
+    if len(firsts) * len(seconds) <= MOST_CELLS:
+        figure = (
+            "<p>Rows: the object picked up first. Columns: the object picked up second. Every cell leads to the pair’s "
+            "trials.</p>\n"
+            f'<div class="beside">{heat_map(firsts, seconds, rates, notes, targets)}'
+            f"{_paper_success(summary, prefix, pairs)}</div>\n"
+            + numbers("Heat map: numbers", matrix(firsts, seconds, cells, "first \\ second"))
+        )
+    else:
+        figure = f'<div class="beside">{_paper_success(summary, prefix, pairs)}</div>\n'
     return (
-        "<p>Rows: the object picked up first. Columns: the object picked up second. Every cell leads to the pair’s "
-        "trials.</p>\n"
-        f'<div class="beside">{heat_map(firsts, seconds, rates, notes, targets)}'
-        f"{_paper_success(summary, prefix, pairs)}</div>\n"
-        + numbers("Heat map: numbers", matrix(firsts, seconds, cells, "first \\ second"))
+        figure
         + numbers("Every pair: intervals, both rules, plans, reach", table(headers, rows))
         + "<h3>Why trials failed</h3>\n"
         + bars_with_table(bars, SUCCESS, "Outcomes of trials per pair", "pair")
@@ -304,27 +389,37 @@ def _paper_success(summary: Mapping[str, Value], prefix: str, pairs: Sequence[Pa
     return f"<div>{table(['', 'here', 'paper'], rows)}{note}</div>"
 
 
-def pairs_section(views: Sequence[PairView], trial_tables: Mapping[tuple[str, str, str], FoldedTable]) -> str:
-    """Return, for every pair, its grasp in 3D, the strips of its trials, and the folded tables of both.
+def pairs_section(content: PageContent) -> str:
+    """Return, for every pair that is shown, its grasp in 3D, the strips of its trials, and the folded tables of both.
 
-    Args:
-        trial_tables: see :class:`PageContent`; pairs that no view shows get a place for their trials.
+    Pairs that no view shows get a place for those of their trials that something leads to.
     """
     legend = (
         "<p>Left: merged grasps in the frame of the hand (first object orange, second blue); drag to turn, "
         "scroll to zoom. Right: moments of one trial, named by the phase of the sequence; the command beside its "
         "number plays it (docs/replay.md).</p>\n"
     )
-    seen = {(view.first, view.second) for view in views}
-    others = dict.fromkeys((first, second) for _, first, second in trial_tables if (first, second) not in seen)
-    shown = [*views, *(PairView(first, second, grasps=[], rows=[], poster=None) for first, second in others)]
-    return legend + "".join(_pair_view(view, _trial_folds(view, trial_tables)) for view in shown)
+    if content.worst:
+        legend = (
+            f"<p>Of {max(map(len, content.trials.values()))} pairs, the {len(content.worst)} with the smallest share "
+            "of successes over the trials of all sources, each with a trial that failed for the commonest reason.</p>\n"
+            f"{every_row()}{worst_table(content.worst, content.trials, PAIR_KEY)}{legend}"
+        )
+    views = [_pair_view(view, _trial_folds(view.first, view.second, content.trial_tables)) for view in content.views]
+    seen = {(view.first, view.second) for view in content.views}
+    others = dict.fromkeys((first, second) for _, first, second in content.trial_tables if (first, second) not in seen)
+    folds = [
+        f'<div class="pair" id="{escape(pair_key(*pair))}"><h3>{escape(_pair(*pair))}</h3>'
+        f'<div class="rows">{_trial_folds(*pair, content.trial_tables)}</div></div>\n'
+        for pair in others
+    ]
+    return "".join([legend, *views, *folds])
 
 
-def _trial_folds(view: PairView, trial_tables: Mapping[tuple[str, str, str], FoldedTable]) -> str:
+def _trial_folds(first: str, second: str, trial_tables: Mapping[tuple[str, str, str], FoldedTable]) -> str:
     folds = []
-    for (source, first, second), found in trial_tables.items():
-        if (first, second) != (view.first, view.second):
+    for (source, *pair), found in trial_tables.items():
+        if pair != [first, second]:
             continue
         title = SOURCE_TITLES.get(source, f"harder setting {source.removeprefix(PREFIX)}")
         good = sum(row[1] == SUCCESS for row in found.rows)
@@ -356,11 +451,14 @@ def _pair_view(view: PairView, folds: str) -> str:
     )
 
 
+def _figure(strip: Strip, moment: int) -> str:
+    caption = strip.captions[moment]
+    picture = image(strip.pictures[moment], caption, strip.shape)
+    return f"<figure>{picture}<figcaption>{escape(caption)}</figcaption></figure>"
+
+
 def _strip(strip: Strip, view: PairView) -> str:
-    figures = "".join(
-        f"<figure>{image(picture, caption, strip.shape)}<figcaption>{escape(caption)}</figcaption></figure>"
-        for caption, picture in zip(strip.captions, strip.pictures, strict=True)
-    )
+    figures = "".join(_figure(strip, moment) for moment in range(len(strip.captions)))
     kind = ' class="failed"' if strip.failed else ""
     target = trials_key(strip.source, view.first, view.second)
     title = f'<a href="{anchor(target)}" data-row="{strip.trial}">{escape(strip.title)}</a>'
@@ -370,22 +468,7 @@ def _strip(strip: Strip, view: PairView) -> str:
 
 def single_section(funnels: Sequence[Funnel]) -> str:
     """Return rates per object beside Table I of the paper, and what the others were rejected by."""
-    rows = []
-    for f in funnels:
-        published = paper.SINGLE_GRASP_SUCCESS.get(f.style, {}).get(f.object_name)
-        contact_only = ratio(f.contact_only_passed, f.contact_only_tested)
-        rows.append(
-            [f"{_spoken(f.object_name)} ({f.style})", str(f.optimised), str(f.passed), str(f.validated)]
-            + [percent(f.survival_rate), percent(published) if published is not None else "–"]
-            + [percent(f.survival_rate_of_passed)]
-            + [f"{f.contact_only_passed} of {f.contact_only_tested} ({percent(contact_only)})"]
-        )
-    headers = ["object", "chains", "passed the filter", "validated", "validated / chains", "paper: successes / batch"]
-    headers += ["validated / passed", "paper’s contact rule"]
-    names = [(f"{_spoken(f.object_name)} ({f.style})", f) for f in funnels]
-    chains = [(name, {PASSED: f.passed, **f.synthesize_rejected}) for name, f in names]
-    physics = [(name, {PASSED: f.validated, **f.validate_rejected}) for name, f in names]
-    return (
+    explanation = (
         "<p>A chain gives one candidate, the best of its starts (<code>synthesize.*.starts</code>, each a run of the "
         "optimiser); the filter sets limits on the terms of its energy; the "
         "grasps that pass it are tested in physics.</p>\n"
@@ -393,7 +476,14 @@ def single_section(funnels: Sequence[Funnel]) -> str:
         "(contact <em>and</em> drift in six gravity directions, execution from a table) per chain run. Table I of the "
         "paper: successes per batch under its own schedule, its own table simulation and its rule that some contact "
         "remains. The last column applies that rule to the grasps here on which it was decided.</p>\n"
-        f"{table(headers, rows)}"
+    )
+    if len(funnels) > MOST_PAIRS:
+        return explanation + singles_of_many(funnels)
+    names = [(f"{_spoken(f.object_name)} ({f.style})", f) for f in funnels]
+    chains = [(name, {PASSED: f.passed, **f.synthesize_rejected}) for name, f in names]
+    physics = [(name, {PASSED: f.validated, **f.validate_rejected}) for name, f in names]
+    return (
+        f"{explanation}{table(SINGLE_HEADERS, [single_row(f) for f in funnels])}"
         "<h3>Synthesis: chains by the first check of the filter that they failed</h3>\n"
         + bars_with_table(chains, PASSED, "Fate of chains per object", "object")
         + explained((check for f in funnels for check in f.synthesize_rejected), SYNTHESIS)
@@ -403,8 +493,12 @@ def single_section(funnels: Sequence[Funnel]) -> str:
     )
 
 
-def merge_section(merges: Sequence[PairMerge]) -> str:
+def merge_section(content: PageContent) -> str:
     """Return the fates of all combinations per pair."""
+    merges = content.merges
+    if len(merges) > MOST_PAIRS:
+        counts = [one for one in content.counts if one.source == SYNTHESIZED]
+        return merges_of_many(merges, counts, content.drift_limit)
     bars = [(_pair(m.first, m.second), {PASSED: m.accepted, **m.rejected}) for m in merges]
     return (
         "<p>Combinations of a pinch grasp and a side grasp that were tried for each pair, by the first check that they "
@@ -418,13 +512,23 @@ def settings_section(settings: Mapping[str, Sequence[Row]]) -> str:
     """Return all parameters, one table to open per section of ``params.yaml``."""
     folds = "".join(
         f'<details><summary>{escape(section)}</summary><div class="settings">'
-        f"{table(['parameter', 'value', 'meaning'], rows)}</div></details>\n"
+        f"{table(['parameter', 'value', 'meaning'], _shortened(section, rows))}</div></details>\n"
         for section, rows in settings.items()
     )
     return (
         "<p>All of <code>params.yaml</code> on which results depend. What differs from the paper, and why, is in "
         f"<code>docs/departures.md</code>.</p>\n{folds}"
     )
+
+
+def _shortened(section: str, rows: Sequence[Row]) -> list[Row]:
+    """Return rows and values as far as a page can show them; params.yaml has them all."""
+    shown = [
+        (name, value if len(value) <= MOST_LETTERS else f"{value[:MOST_LETTERS]} … ({len(value)} letters)", meaning)
+        for name, value, meaning in rows[:MOST_SETTINGS]
+    ]
+    left = len(rows) - len(shown)
+    return [*shown, (section, f"… {left} more values", "In params.yaml.")] if left else shown
 
 
 def versions_section(versions: Mapping[str, str]) -> str:

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
+from typing import Any
 
-import pandas as pd
+import numpy as np
 
+# Up to so many pairs each stands in the page, in the summary and in the data card by itself; past it all are told by
+# what they have in common (`Spread`), and reports/pairs.parquet has a row for each.
+MOST_PAIRS = 64
+OUTCOMES = ("object0", "object1", "merged_id", "success", "success_10cm", "reason", "planning_attempts")  # of trials
 PLANNING_FAILURE = "plan "  # how reasons of trials begin that ended because no motion was found
+
+Columns = Mapping[str, Any]  # of a table, each a sequence; a data frame is one, too
 
 
 @dataclass(frozen=True)
@@ -91,6 +100,35 @@ class PairTrials:
         return ratio(self.planned, self.attempts)
 
 
+@dataclass(frozen=True)
+class Spread:
+    """How some values are distributed; all 0 where there are none."""
+
+    mean: float
+    least: float
+    quartile_1: float
+    median: float
+    quartile_3: float
+    most: float
+
+
+def spread(values: Sequence[float]) -> Spread:
+    """Return mean, extremes and quartiles (interpolated linearly) of ``values``."""
+    if not len(values):
+        return Spread(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    least, first, median, third, most = np.percentile(np.asarray(values, np.float64), [0, 25, 50, 75, 100]).tolist()
+    return Spread(mean(list(values)), least, first, median, third, most)
+
+
+def summed(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
+    """Return the sums of counts by name, sorted by name."""
+    total: dict[str, int] = {}
+    for count in counts:
+        for name, number in count.items():
+            total[name] = total.get(name, 0) + number
+    return dict(sorted(total.items()))
+
+
 def ratio(part: int, whole: int) -> float:
     """Return part / whole, and 0 where there is nothing."""
     return part / whole if whole else 0.0
@@ -112,53 +150,52 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     return max(0.0, centre - half), min(1.0, centre + half)
 
 
-def count_rejections(rejected_by: pd.Series) -> dict[str, int]:
+def count_rejections(rejected_by: Iterable[str]) -> dict[str, int]:
     """Return how many rows failed first at each check, sorted by name; passed rows ('') are left out."""
-    failed = rejected_by[rejected_by != ""]
-    return {str(check): int(count) for check, count in sorted(failed.value_counts().items())}
+    return dict(sorted(Counter(check for check in rejected_by if check != "").items()))
 
 
-def single_grasp_funnel(style: str, object_name: str, candidates: pd.DataFrame, validated: pd.DataFrame) -> Funnel:
+def single_grasp_funnel(style: str, object_name: str, candidates: Columns, validated: Columns) -> Funnel:
     """Follow the chains of one object from the filter of the synthesis to the last check of physics."""
-    passed = set(candidates.loc[candidates["rejected_by"] == "", "grasp_id"])
-    tested = validated[validated["grasp_id"].isin(passed)]
-    decided = tested["contact_only_pass"].dropna()
+    chains = list(candidates["rejected_by"])
+    passed = {grasp for grasp, check in zip(candidates["grasp_id"], chains, strict=True) if check == ""}
+    rows = zip(validated["grasp_id"], validated["rejected_by"], validated["contact_only_pass"], strict=True)
+    tested = [(check, contact) for grasp, check, contact in rows if grasp in passed]
+    decided = [bool(contact) for _, contact in tested if contact is not None and contact == contact]
+    fates = [check for check, _ in tested]
     return Funnel(
         style=style,
         object_name=object_name,
-        optimised=len(candidates),
+        optimised=len(chains),
         passed=len(passed),
-        validated=int((tested["rejected_by"] == "").sum()),
+        validated=fates.count(""),
         contact_only_tested=len(decided),
-        contact_only_passed=int(decided.astype(bool).sum()),
-        synthesize_rejected=count_rejections(candidates["rejected_by"]),
-        validate_rejected=count_rejections(tested["rejected_by"]),
+        contact_only_passed=sum(decided),
+        synthesize_rejected=count_rejections(chains),
+        validate_rejected=count_rejections(fates),
     )
 
 
-def pair_merge(first: str, second: str, merged: pd.DataFrame) -> PairMerge:
-    """Count the fates of one pair's combinations."""
-    return PairMerge(
-        first=first,
-        second=second,
-        tried=len(merged),
-        accepted=int((merged["rejected_by"] == "").sum()),
-        rejected=count_rejections(merged["rejected_by"]),
-    )
+def pair_merge(first: str, second: str, rejected_by: Iterable[str]) -> PairMerge:
+    """Count the fates of one pair's combinations, by the first check that each failed."""
+    fates = list(rejected_by)
+    return PairMerge(first, second, tried=len(fates), accepted=fates.count(""), rejected=count_rejections(fates))
 
 
-def pair_trials(first: str, second: str, trials: pd.DataFrame) -> PairTrials:
+def pair_trials(first: str, second: str, trials: Columns) -> PairTrials:
     """Count the outcomes of one pair; ``trials`` may hold other pairs too."""
-    own = trials[(trials["object0"] == first) & (trials["object1"] == second)]
-    reasons = count_rejections(own.loc[~own["success"].astype(bool), "reason"])
+    own = [
+        row for row in zip(*(trials[name] for name in OUTCOMES), strict=True) if row[0] == first and row[1] == second
+    ]
+    reasons = count_rejections(reason for _, _, _, success, _, reason, _ in own if not success)
     return PairTrials(
         first=first,
         second=second,
         trials=len(own),
-        successes=int(own["success"].sum()),
-        successes_10cm=int(own["success_10cm"].sum()),
+        successes=sum(bool(success) for _, _, _, success, _, _, _ in own),
+        successes_10cm=sum(bool(success) for _, _, _, _, success, _, _ in own),
         planning_failures=sum(n for reason, n in reasons.items() if reason.startswith(PLANNING_FAILURE)),
-        attempts=int(own["planning_attempts"].sum()),
-        planned=int((own["merged_id"] >= 0).sum()),
+        attempts=sum(int(attempts) for *_, attempts in own),
+        planned=sum(merged_id >= 0 for _, _, merged_id, *_ in own),
         reasons=reasons,
     )

@@ -13,9 +13,23 @@ from pipeline.records.parameters import Parameters
 Row = tuple[str, str, str]  # dotted name, value, meaning
 
 
+# Sections that have one row each, and stand in one table.
+RUN = ("scale", "preset", "hand", "seed", "pairs")
+UNSHOWN = ("compute",)  # no result depends on it
+
+
+def all_settings(parameters: Parameters) -> dict[str, list[Row]]:
+    """Return the rows of every section of ``params.yaml`` on which results depend."""
+    fields = Parameters.model_fields.items()
+    values = {field.alias or name: getattr(parameters, name) for name, field in fields}
+    rows = {name: list(section_rows(name, value)) for name, value in values.items() if name not in UNSHOWN}
+    run = [row for name in RUN for row in rows.pop(name)]
+    return {"run": run, **rows}
+
+
 def section_rows(name: str, value: Any) -> Iterator[Row]:
     """Return the rows of one section of ``params.yaml``, such as ``merge`` or ``seed``."""
-    field = Parameters.model_fields.get(name)
+    field = Parameters.model_fields.get(name)  # none for `validate`, which has no description either
     return described(name, value, (field.description if field else None) or "")
 
 

@@ -1,16 +1,21 @@
-"""The flat summary: every headline figure under a dotted key; ``docs/metrics.md`` says what each means."""
+"""The flat summary: every headline figure under a dotted key; ``docs/metrics.md`` says what each means.
+
+Its length does not grow with the run: past ``MOST_PAIRS`` pairs and ``MOST_OBJECTS`` objects they have no keys of their
+own, and keys on their distribution take the place of these.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from pipeline.report.harder import Harder, harder_summary, reasons_of
 from pipeline.report.learned import Learned, learned_summary
-from pipeline.report.rates import Funnel, PairMerge, PairTrials, mean, ratio
+from pipeline.report.rates import MOST_PAIRS, Funnel, PairMerge, PairTrials, mean, ratio, spread, summed
 from pipeline.report.reconstructed import reconstructed_summary
 
 Value = float | int | str
+MOST_OBJECTS = 32  # counted once per style: each has about 25 keys, and the record holds them twice
 
 
 def rounded(value: Value) -> Value:
@@ -36,13 +41,13 @@ def summarize(
         harder: one entry per harder setting.
     """
     values: dict[str, Value] = {"scale": scale}
-    for funnel in funnels:
-        values |= _of_object(funnel)
+    for style in dict.fromkeys(funnel.style for funnel in funnels):
+        own = [funnel for funnel in funnels if funnel.style == style]
+        values |= _of_style(style, own) if len(funnels) > MOST_OBJECTS else _merged(map(_of_object, own))
     values["synthesize.pass_rate_mean"] = mean([funnel.pass_rate for funnel in funnels])
     values["validate.survival_rate_mean"] = mean([funnel.survival_rate for funnel in funnels])
     values["validate.validated"] = sum(funnel.validated for funnel in funnels)
-    for merge in merges:
-        values |= _of_merge(merge)
+    values |= _of_all_merges(merges) if len(merges) > MOST_PAIRS else _merged(map(_of_merge, merges))
     accepted = sum(merge.accepted for merge in merges)
     values["merge.grasps"] = accepted
     values["merge.acceptance_rate"] = ratio(accepted, sum(merge.tried for merge in merges))
@@ -113,6 +118,8 @@ def _of_source(source: str, pairs: Sequence[PairTrials]) -> dict[str, Value]:
             sum(pair.planned for pair in pairs), sum(pair.attempts for pair in pairs)
         ),
     }
+    if len(pairs) > MOST_PAIRS:
+        return values | _of_many_pairs(source, pairs)
     for pair in pairs:
         item = f"evaluate.{source}.{pair.first}--{pair.second}"
         values |= {
@@ -124,3 +131,52 @@ def _of_source(source: str, pairs: Sequence[PairTrials]) -> dict[str, Value]:
         }
         values |= _shares(f"{item}.failed", pair.reasons, pair.trials)
     return values
+
+
+def _of_many_pairs(source: str, pairs: Sequence[PairTrials]) -> dict[str, Value]:
+    prefix = f"evaluate.{source}"
+    trials = sum(pair.trials for pair in pairs)
+    values: dict[str, Value] = {f"{prefix}.pairs": len(pairs)}
+    values |= _quartiles(f"{prefix}.success_rate", [pair.success_rate for pair in pairs])
+    values |= _shares(f"{prefix}.failed", summed(pair.reasons for pair in pairs), trials)
+    for place in ("first", "second"):
+        rates: dict[str, list[float]] = {}
+        for pair in pairs:
+            rates.setdefault(getattr(pair, place), []).append(pair.success_rate)
+        if len(rates) <= MOST_OBJECTS:
+            values |= {f"{prefix}.{place}.{name}.success_rate_mean": mean(own) for name, own in rates.items()}
+    return values
+
+
+def _of_all_merges(merges: Sequence[PairMerge]) -> dict[str, Value]:
+    accepted = [merge.accepted for merge in merges]
+    values: dict[str, Value] = {"merge.pairs": len(merges), "merge.mean_per_pair": mean([float(n) for n in accepted])}
+    values |= _quartiles("merge.per_pair", accepted)
+    values |= _quartiles("merge.acceptance_rate", [merge.acceptance_rate for merge in merges])
+    tried = sum(merge.tried for merge in merges)
+    return values | _shares("merge.rejected", summed(merge.rejected for merge in merges), tried)
+
+
+def _of_style(style: str, funnels: Sequence[Funnel]) -> dict[str, Value]:
+    chains, passed = (sum(getattr(funnel, name) for funnel in funnels) for name in ("optimised", "passed"))
+    rates = [funnel.survival_rate for funnel in funnels]
+    values: dict[str, Value] = {
+        f"synthesize.{style}.objects": len(funnels),
+        f"synthesize.{style}.chains": chains,
+        f"synthesize.{style}.passed": passed,
+        f"validate.{style}.validated": sum(funnel.validated for funnel in funnels),
+        f"validate.{style}.min_per_object": min(funnel.validated for funnel in funnels),
+        f"validate.{style}.survival_rate_mean": mean(rates),
+    }
+    values |= _quartiles(f"validate.{style}.survival_rate", rates)
+    values |= _shares(f"synthesize.{style}.rejected", summed(one.synthesize_rejected for one in funnels), chains)
+    return values | _shares(f"validate.{style}.rejected", summed(one.validate_rejected for one in funnels), passed)
+
+
+def _quartiles(prefix: str, values: Sequence[float]) -> dict[str, Value]:
+    own = spread(values)
+    return {f"{prefix}_{name}": getattr(own, name) for name in ("quartile_1", "median", "quartile_3")}
+
+
+def _merged(parts: Iterable[dict[str, Value]]) -> dict[str, Value]:
+    return {key: value for part in parts for key, value in part.items()}

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
+from pathlib import Path
 
 import pandas as pd
 
@@ -14,7 +15,7 @@ from pipeline.records.tables import MERGED
 from pipeline.share.project import Project, objects_of, open_project, partners_of, read_pairs
 
 # Where the grasps of a source are, and the stage that makes them.
-FILES = {
+FILES: dict[str, tuple[Callable[[str], Path], str]] = {
     "synthesized": (paths.merged_file, "merge"),
     "learned": (partial(paths.sampled_file, "learned"), "sample@learned"),
 }

@@ -11,19 +11,12 @@ from typing import Any
 from pipeline.compute.unfinished import remove_finished
 from pipeline.records import paths
 from pipeline.records.errors import UserError
-from pipeline.records.parameters import load_parameters
+from pipeline.records.parameters import read_parameters, require_allegro
 from pipeline.records.running import run_stage
 from pipeline.records.writing import whole_file, write_json
 
 LOCK_FILE, STAGES_FILE = Path("dvc.lock"), Path("dvc.yaml")
 SURVIVAL_TABLE, SUCCESS_TABLE = Path("reports/survival.csv"), Path("reports/success.csv")
-
-
-def sections() -> list[str]:
-    """Parameter sections that the stage declares: all, except ``compute``, on which no result depends."""
-    shown = ["scale", "seed", "styles", "objects", "meshes", "renderings", "captures", "reconstructed"]
-    single = ["prepare", "synthesize", "physics", "validate"]
-    return [*shown, *single, "merge", "train", "evaluate", "harder", "reconstruct", "report", "track"]
 
 
 def read_file(source: Path, parse: Callable[[str], Any], mend: str) -> Any:
@@ -40,20 +33,12 @@ def read_file(source: Path, parse: Callable[[str], Any], mend: str) -> Any:
         raise UserError(f"{source} is damaged; delete it and {mend}.") from error
 
 
-def plain(value: Any) -> Any:
-    """Return typed parameters as plain data."""
-    if hasattr(value, "model_dump"):
-        return value.model_dump(mode="json", by_alias=True)
-    if isinstance(value, dict):
-        return {name: plain(content) for name, content in value.items()}
-    return value
-
-
 def work() -> None:
     """Read the summary, the parameters and ``dvc.lock``, and record them."""
-    parameters = {name: plain(content) for name, content in load_parameters(sections()).items()}
+    parameters = read_parameters()
+    require_allegro(parameters)
     from pipeline.track.files import curve_of_csv, mapping_of_json, mapping_of_yaml
-    from pipeline.track.lock import flatten, locked_stages, stage_names
+    from pipeline.track.lock import COMPUTE, flatten, locked_stages, stage_names
     from pipeline.track.origin import origin_tags, record_root, run_name
     from pipeline.track.rates import csv_text, success_rows, survival_rows
     from pipeline.track.record import build_record
@@ -65,13 +50,14 @@ def work() -> None:
     lock = read_file(LOCK_FILE, mapping_of_yaml, f"`git checkout {LOCK_FILE}` and run `dvc repro` again")
     declared = read_file(STAGES_FILE, mapping_of_yaml, f"`git checkout {STAGES_FILE}`")
     curve = read_file(paths.MODEL_FOLDER / "history.csv", curve_of_csv, "run `dvc repro train` to make it again")
-    stages = locked_stages(lock, stage_names(declared, parameters))
-    record = build_record(summary, flatten(parameters), stages, durations, {"train": curve})
+    chosen = parameters.model_dump(mode="json", by_alias=True, exclude={COMPUTE})
+    stages = locked_stages(lock, stage_names(declared, chosen))
+    record = build_record(summary, flatten(chosen), stages, durations, {"train": curve})
     kept = [paths.REPORT_PAGE, paths.SUMMARY_FILE, paths.PARAMETERS_FILE, LOCK_FILE]
     files = [file for file in kept if file.exists()]
     here = Path.cwd()
     origin = Origin(name=run_name(record.key), tags=origin_tags(here), files=files)
-    done = write_record(record_root(here), parameters["track"]["experiment"], record, origin)
+    done = write_record(record_root(here), parameters.track.experiment, record, origin)
     print(f"track: result {record.key[:12]} {done}")
     for table, header, rows in (
         (SURVIVAL_TABLE, "object", survival_rows(summary)),
@@ -86,10 +72,10 @@ def work() -> None:
 def work_all() -> int:
     """Record what git's history holds and return the exit code: 2 after one sentence when it cannot be done."""
     try:
-        parameters = load_parameters(sections())
+        parameters = read_parameters()
         from pipeline.track.backfill import record_all
 
-        print(f"track: {record_all(Path.cwd(), parameters['track'].experiment)}")
+        print(f"track: {record_all(Path.cwd(), parameters.track.experiment)}")
     except UserError as error:
         print(f"track: {error}", file=sys.stderr)
         return 2

@@ -14,7 +14,7 @@ from typing import Any
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.track.files import mapping_of_json, mapping_of_yaml
-from pipeline.track.lock import LockedStage, locked_stages, stage_names
+from pipeline.track.lock import COMPUTE, LockedStage, flatten, locked_stages, stage_names
 
 LOCK_FILE, STAGES_FILE = Path("dvc.lock"), Path("dvc.yaml")
 # DVC keeps the tip of every experiment under refs/exps/<2 letters>/<38 letters>/<name>, and its own notes beside them.
@@ -45,7 +45,7 @@ class PastResult:
     """What one commit holds of a result."""
 
     summary: dict[str, Any]
-    parameters: dict[str, Any]  # flat, as the stages declared them
+    parameters: dict[str, Any]  # flat: as the stages declared them, the others as the commit states them
     stages: list[LockedStage]
     durations: dict[str, dict[str, float]]
 
@@ -122,7 +122,7 @@ def read_result(root: Path, version: Version) -> PastResult:
     written = hashlib.md5(content[str(paths.SUMMARY_FILE)], usedforsecurity=False).hexdigest()
     if report.outputs.get(str(paths.SUMMARY_FILE)) != written:
         raise NoResult(f"its {paths.SUMMARY_FILE} is not the one that {LOCK_FILE} names")
-    parameters: dict[str, Any] = {}
+    parameters = flatten({name: value for name, value in chosen.items() if name != COMPUTE})
     for stage in stages:
         parameters |= stage.parameters
     return PastResult(summary, parameters, stages, _durations(content))

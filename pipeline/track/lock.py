@@ -9,9 +9,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+COMPUTE = "compute"  # the section of params.yaml on which no result depends
 HARDER = "evaluate-harder"  # its items are settings, not objects
-OWN_STAGE = "track"
-CODE_FOLDER = "pipeline/"
+# Stages that are no part of a result: fingerprints of the code, and the record itself.
+OWN_STAGES = ("code", "track")
+CODE_FOLDER, CODE_FILE = "pipeline/", "code.yaml"
+ITEMS_FOLDER = "data/items/"  # which items a stage has made from what: no result, and other where only code has changed
 
 
 @dataclass(frozen=True)
@@ -21,7 +24,7 @@ class LockedStage:
     name: str  # such as synthesize-pinch@cube
     parameters: dict[str, Any]  # flat, as the stage declared them
     outputs: dict[str, str]  # path -> hash
-    fingerprint: str  # of dependencies, parameters and outputs: equal for a stage that was reused
+    fingerprint: str  # of dependencies, parameters and results: equal for a stage that was reused
     inputs: dict[str, str] = field(default_factory=dict)  # path -> hash of what it read, code left out
 
 
@@ -49,7 +52,7 @@ def flatten(content: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def stage_names(declared: Mapping[str, Any], parameters: Mapping[str, Any]) -> list[str]:
-    """Return the DVC names of all stages but ``track`` in the order of ``dvc.yaml``.
+    """Return the DVC names of all stages but ``OWN_STAGES`` in the order of ``dvc.yaml``.
 
     ``dvc.lock`` alone would not do: it also keeps stages that are gone.
 
@@ -66,7 +69,7 @@ def stage_names(declared: Mapping[str, Any], parameters: Mapping[str, Any]) -> l
             raise ValueError(f"stage {name} is a matrix, which the record does not know")
         items = _items(entry["foreach"], parameters) if "foreach" in entry else None
         names += [name] if items is None else [f"{name}@{item}" for item in items]
-    return [name for name in names if name != OWN_STAGE]
+    return [name for name in names if name not in OWN_STAGES]
 
 
 def _items(foreach: Any, parameters: Mapping[str, Any]) -> Iterable[Any]:
@@ -88,13 +91,16 @@ def locked_stages(lock: Mapping[str, Any], names: Iterable[str]) -> list[LockedS
 
 
 def _hashes(items: Iterable[Mapping[str, Any]]) -> dict[str, str]:
-    return {str(item["path"]): str(item.get("md5") or item.get("hash")) for item in items}
+    """Return the hashes of results by path; what only says how they were made is left out."""
+    found = {str(item["path"]): str(item.get("md5") or item.get("hash")) for item in items}
+    return {path: text for path, text in found.items() if path != CODE_FILE and not path.startswith(ITEMS_FOLDER)}
 
 
 def _locked(name: str, entry: Mapping[str, Any]) -> LockedStage:
     parameters: dict[str, Any] = {}
-    for content in (entry.get("params") or {}).values():
-        parameters |= flatten(content or {})
+    for file, content in (entry.get("params") or {}).items():
+        if file != CODE_FILE:
+            parameters |= flatten(content or {})
     outputs = _hashes(entry.get("outs") or [])
     dependencies = _hashes(entry.get("deps") or [])
     return LockedStage(

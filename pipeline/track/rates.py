@@ -8,19 +8,33 @@ from typing import Any
 
 SURVIVAL = re.compile(r"validate\.(\w+)\.(\w+)\.survival_rate")
 SUCCESS = re.compile(r"evaluate\.(\w+)\.(\w+)--(\w+)\.success_rate")
+# Where there are too many objects or pairs for keys of their own.
+SURVIVAL_SPREAD = re.compile(r"validate\.(\w+)\.survival_rate_(quartile_1|median|quartile_3)")
+SUCCESS_SPREAD = re.compile(r"evaluate\.(\w+)\.success_rate_(quartile_1|median|quartile_3)")
 HARDER_SUCCESS = re.compile(r"evaluate\.harder\.(\w+)\.(\w+)--(\w+)\.success_rate")
 
 
 def survival_rows(summary: Mapping[str, Any]) -> list[tuple[str, float]]:
-    """Return (object, share of its chains that physics accepts), such as ``("cube, pinch", 0.755)``, sorted."""
-    found = ((SURVIVAL.fullmatch(key), value) for key, value in summary.items())
-    return sorted((f"{match[2]}, {match[1]}", float(value)) for match, value in found if match)
+    """Return (object, share of its chains that physics accepts), such as ``("cube, pinch", 0.755)``, sorted.
+
+    Of many objects there are quartiles, such as ``("median, pinch", 0.755)``.
+    """
+    rows = []
+    for key, value in summary.items():
+        if match := SURVIVAL.fullmatch(key) or SURVIVAL_SPREAD.fullmatch(key):
+            rows.append((f"{match[2]}, {match[1]}", float(value)))
+    return sorted(rows)
 
 
 def success_rows(summary: Mapping[str, Any]) -> list[tuple[str, float]]:
-    """Return (pair, share of its trials that lift both objects), such as ``("cube, can: learned", 1.0)``, sorted."""
+    """Return (pair, share of its trials that lift both objects), such as ``("cube, can: learned", 1.0)``, sorted.
+
+    Of many pairs there are quartiles, such as ``("median: learned", 1.0)``.
+    """
     rows = []
     for key, value in summary.items():
+        if match := SUCCESS_SPREAD.fullmatch(key):
+            rows.append((f"{match[2]}: {match[1]}", float(value)))
         if match := SUCCESS.fullmatch(key) or HARDER_SUCCESS.fullmatch(key):
             rows.append((f"{match[2]}, {match[3]}: {match[1]}", float(value)))
     return sorted(rows)

@@ -24,7 +24,7 @@ STAGES_RUN_TAG, STAGES_REUSED_TAG, DATA_TAG = "dvc.stages_run", "dvc.stages_reus
 FRESH, REUSED = "fresh", "reused"
 RECORDED, COMPLETED, KNOWN = "recorded", "completed", "was recorded before, nothing added"
 MOST_PARAMETERS, MOST_METRICS, MOST_DATA = 100, 900, 900  # MLflow's limits of one batch are 100, 1000, 1000
-MOST_PARAMETER_LETTERS, MOST_TAG_LETTERS = 6000, 5000
+MOST_TAG_LETTERS = 5000
 
 
 @dataclass(frozen=True)
@@ -213,7 +213,7 @@ def _log(
 ) -> None:
     from mlflow.entities import Metric, Param
 
-    params = [Param(key, str(parameters[key])[:MOST_PARAMETER_LETTERS]) for key in sorted(parameters)]
+    params = [Param(key, str(parameters[key])) for key in sorted(parameters)]
     values = [Metric(key, metrics[key], origin.milliseconds, 0) for key in sorted(metrics)]
     for begin in range(0, len(params), MOST_PARAMETERS):
         client.log_batch(run_id, params=params[begin : begin + MOST_PARAMETERS])

@@ -41,7 +41,7 @@ def train_model() -> None:
     seed, data = parameters["seed"], parameters["train.data"]
 
     from pipeline.records.objects import load_prepared_object
-    from pipeline.records.tables import MERGED, read_table
+    from pipeline.records.tables import MERGED, pair_rows, read_table
     from pipeline.train.checkpoint import write_checkpoint
     from pipeline.train.data import gather_examples
     from pipeline.train.training import train, training_identity
@@ -52,7 +52,7 @@ def train_model() -> None:
         for second in seconds:
             assert merged is not None
             if not {first, second} & set(data.held_out_objects):
-                tables[first, second] = merged[merged["object1"] == second].reset_index(drop=True)
+                tables[first, second] = pair_rows(merged, second)
     objects = {name: load_prepared_object(name) for name in dict.fromkeys(name for pair in tables for name in pair)}
     settings = {name.partition(".")[2]: value for name, value in parameters.items() if name.startswith("train.")}
     training = TrainingParameters(**settings)

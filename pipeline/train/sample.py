@@ -159,8 +159,9 @@ def _table(first: str) -> pd.DataFrame:
 
 def _merged(first: str, second: str) -> pd.DataFrame:
     """Return the merged grasps of a pair."""
-    table = _table(first)
-    return table[table["object1"] == second].reset_index(drop=True)
+    from pipeline.records.tables import pair_rows
+
+    return pair_rows(_table(first), second)
 
 
 def _against_known(checkpoint: Checkpoint, pair: tuple[str, str], merged: pd.DataFrame, drawn: Drawn) -> dict[str, Any]:

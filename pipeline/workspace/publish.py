@@ -3,7 +3,7 @@
 Copies what names and measures the run to a folder that git keeps: parameters, `dvc.lock` (the fingerprint of every
 input and output), metrics, costs, the heat maps, every trial's outcome, and the machine. With `--page`, the tables of
 that page (`<!-- table: name -->`) are written anew from it. Data stay in DVC's cache: `dvc push` shares them. Costs are
-those of each stage's latest run, so publish one in which nothing was taken from an earlier one (RECOMPUTE=1).
+those of each stage's latest run, so publish one that computed every item (`./dev repro --force`).
 """
 
 from __future__ import annotations

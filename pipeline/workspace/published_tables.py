@@ -45,8 +45,10 @@ def spoken(name: str) -> str:
 
 def partners_of(parameters: Parameters) -> dict[str, tuple[str, ...]]:
     """Return, for each first object, the objects that are picked after it."""
-    styles = parameters["styles"]
-    return partners(styles["pinch"], styles["side"], parameters.get("pairs", "all"), parameters["seed"])
+    styles, pairs = parameters["styles"], parameters.get("pairs", "all")
+    if isinstance(pairs, list):
+        pairs = [tuple(pair) for pair in pairs]
+    return partners(styles["pinch"], styles["side"], pairs, parameters["seed"])
 
 
 def of_pairs(trials: pd.DataFrame, pairs: Sequence[tuple[str, str]]) -> list[PairTrials]:

@@ -38,13 +38,13 @@ def dev(repository, tmp_path):
     for tool in TOOLS:
         (tools / tool).symlink_to(shutil.which(tool))
 
-    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    def run(*arguments: str, variables: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
             [folder / "dev", *arguments],
             capture_output=True,
             text=True,
             stdin=subprocess.DEVNULL,
-            env={"PATH": str(tools), "HOME": str(tmp_path)},
+            env={"PATH": str(tools), "HOME": str(tmp_path), **(variables or {})},
         )
 
     run.tools = tools
@@ -94,6 +94,72 @@ def test_python_without_venv_says_what_to_install(dev):
     assert done.stderr.splitlines() == [
         "./dev: Python 3.12 lacks its venv module; run `sudo apt-get install python3.12-venv` and try again."
     ]
+
+
+PIP = """
+echo "pip $*" >> calls
+case "$*" in
+"config get"*) @CONFIG@;;
+*uv==*) @UV_SERVED@ || exit 1
+    echo '#!/bin/sh' > .venv/bin/uv
+    echo 'echo "uv from ${UV_DEFAULT_INDEX:-the default}: $*" >> calls; exit @UV_EXIT@' >> .venv/bin/uv
+    /bin/chmod +x .venv/bin/uv;;
+esac
+"""
+
+
+@pytest.fixture
+def set_up(dev):
+    """Run ``./dev doctor`` over an empty environment of recording programs; return the calls of pip and uv."""
+    environment = dev.folder / ".venv" / "bin"
+    environment.mkdir(parents=True)
+    (environment / "activate").write_text(f"VIRTUAL_ENV={dev.folder}/.venv\n")
+    for folder in (dev.tools, environment):
+        for name in ("python", "python3"):
+            fake_python(folder, name, "exit 0\n")
+
+    def run(served="true", uv_exit=0, config="exit 1", variables=None):
+        script = PIP.replace("@CONFIG@", config).replace("@UV_SERVED@", served).replace("@UV_EXIT@", str(uv_exit))
+        fake_python(environment, "pip", script)
+        calls = dev.folder / "calls"
+        calls.write_text("")
+        done = dev("doctor", variables=variables)
+        installs = [line for line in calls.read_text().splitlines() if " install " in line]
+        return done, installs
+
+    return run
+
+
+def test_torch_is_installed_by_pip_and_the_rest_by_uv(set_up):
+    done, installs = set_up()
+    assert done.returncode == 0, done.stderr
+    torch, uv, rest = installs
+    assert torch.startswith("pip ") and " torch==" in torch
+    assert uv.startswith("pip ") and " uv==" in uv
+    assert rest.startswith("uv from the default: ") and rest.endswith(" -c constraints.txt -e .[dev,remotes]")
+    assert set_up()[1] == []  # nothing to install a second time
+
+
+@pytest.mark.parametrize(("served", "uv_exit"), [("false", 0), ("true", 2)])
+def test_without_uv_pip_installs_everything(set_up, served, uv_exit):
+    done, installs = set_up(served, uv_exit)
+    assert done.returncode == 0, done.stderr
+    assert installs[-1].startswith("pip ") and installs[-1].endswith(" -c constraints.txt -e .[dev,remotes]")
+    assert len(done.stderr.splitlines()) == 2  # packages are being installed; not by uv
+    assert set_up()[1] == []
+
+
+@pytest.mark.parametrize(
+    ("config", "variables", "index"),
+    [
+        ("echo https://a.example/simple", {}, "https://a.example/simple"),
+        ("exit 1", {"PIP_INDEX_URL": "https://b.example/simple"}, "https://b.example/simple"),
+        ("echo https://a.example/simple", {"PIP_INDEX_URL": "https://b.example/simple"}, "https://b.example/simple"),
+    ],
+)
+def test_uv_takes_packages_from_where_pip_takes_them(set_up, config, variables, index):
+    _, installs = set_up(config=config, variables=variables)
+    assert installs[-1].startswith(f"uv from {index}: ")
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Small made-up tables with the columns of real ones."""
 
 import io
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
@@ -8,6 +9,7 @@ from PIL import Image
 
 from pipeline.records.parameters.harder import HarderSetting
 from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED
+from pipeline.report.counting import PairCounts, pair_counts
 from pipeline.report.harder import Change, Harder, compared
 from pipeline.report.learned import Learned
 from pipeline.report.rates import pair_merge
@@ -78,27 +80,32 @@ def merged(first: str, second: str, accepted: int = 2) -> pd.DataFrame:
     return _filled(MERGED, rows)
 
 
-def learned(first: str, seconds: list[str]) -> Learned:
-    """A curve of two points; the last pair was kept from training."""
+def quality(first: str, seconds: Sequence[str]) -> dict[str, dict]:
+    """What `quality.json` holds of the pairs of one first object; the last pair was kept from training."""
     figures = {"penetration_mm_median": 0.5, "contact_distance_mm_median": 1.5, "object_overlap_mm_max": 0.0}
+    return {
+        second: {
+            "trained": second != seconds[-1],
+            "drawn": 9,
+            "joint_violation_mean": 0.1,
+            "raw": {name: 2 * value for name, value in figures.items()},
+            "ranked": figures,
+            "held_out": {"grasps": 4, "covered": 0.5, "nearest_mm_median": 12.0},
+            "held_out_by_training": {"grasps": 4, "covered": 0.75, "nearest_mm_median": 11.0},
+        }
+        for second in seconds
+    }
+
+
+def learned(first: str, seconds: Sequence[str]) -> Learned:
+    """A curve of two points; the last pair was kept from training."""
     return Learned(
         history=[
             {"step": step, "training_loss": 1 / step, "held_out_loss": 2 / step, "held_out_pair_loss": 3 / step}
             for step in (1, 2)
         ],
-        quality={
-            (first, second): {
-                "trained": second != seconds[-1],
-                "drawn": 9,
-                "joint_violation_mean": 0.1,
-                "raw": {name: 2 * value for name, value in figures.items()},
-                "ranked": figures,
-                "held_out": {"grasps": 4, "covered": 0.5, "nearest_mm_median": 12.0},
-                "held_out_by_training": {"grasps": 4, "covered": 0.75, "nearest_mm_median": 11.0},
-            }
-            for second in seconds
-        },
-        samples=[pair_merge(first, second, merged(first, second)) for second in seconds],
+        quality={(first, second): own for second, own in quality(first, seconds).items()},
+        samples=[pair_merge(first, second, merged(first, second)["rejected_by"]) for second in seconds],
     )
 
 
@@ -133,6 +140,12 @@ def trials(first: str, seconds: list[str], source: str = "synthesized") -> pd.Da
                 }
             )
     return _filled(TRIALS, rows)
+
+
+def counts(first: str, seconds: Sequence[str], source: str = "synthesized", accepted: int = 2) -> list[PairCounts]:
+    """All pairs of one first object."""
+    tried = trials(first, list(seconds), source)
+    return [pair_counts(source, first, second, merged(first, second, accepted), tried) for second in seconds]
 
 
 # What `metrics.json` of a rendered capture holds, as far as summary and page read it; the box has no known truth.
@@ -185,7 +198,7 @@ def harder(first: str, seconds: list[str], numbers: int = 3, standard: pd.DataFr
     rows.loc[succeeds, "reason"] = ""
     return compared(
         "icy",
-        HarderSetting(grasps="data/merge", evaluate={}, physics={"object_friction": 0.1}),
+        HarderSetting(source="synthesized", evaluate={}, physics={"object_friction": 0.1}),
         rows[rows["trial"] < numbers],
         trials(first, seconds) if standard is None else standard,
         [(first, second) for second in seconds],

@@ -3,53 +3,62 @@
 import contextlib
 import io
 import re
+from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from pipeline.records import paths
 from pipeline.records.tables import MERGED, write_table
-from pipeline.report.dataset_card import (
-    CardContent,
-    ObjectFacts,
-    dataset_card,
-    description_of,
-    parameters_digest,
-    type_name,
-)
+from pipeline.report.counting import PairCounts, Single, pair_counts
+from pipeline.report.dataset_card import CardContent, dataset_card, description_of, parameters_digest, type_name
 from pipeline.report.diversity import compass_sectors, diversity, pair_diversity, used_grasps
-from pipeline.report.rates import pair_merge, single_grasp_funnel
-from pipeline.report.tables import Tables
+from pipeline.report.objects import ObjectFacts
+from pipeline.report.pairs_table import uses
+from pipeline.report.rates import MOST_PAIRS, single_grasp_funnel
 from tests.report import made_up
 
 SIDES = ["can", "box"]
 
 
-@pytest.fixture(scope="module")
-def tables() -> Tables:
-    singles = [("pinch", "cube"), *(("side", name) for name in SIDES)]
-    return Tables(
-        candidates={key: made_up.candidates(*key) for key in singles},
-        validated={key: made_up.validated(*key) for key in singles},
-        merged={
-            ("cube", name): made_up.merged("cube", name, accepted) for name, accepted in zip(SIDES, (2, 0), strict=True)
-        },
-        trials={},
-    )
+SINGLES = [Single("pinch", "cube"), *(Single("side", name) for name in SIDES)]
+OBJECT = ObjectFacts("cube", "recipe box", "own work, MIT", [0.042, 0.042, 0.042], 0.037)
+
+
+def merged_tables() -> list:
+    """The tables of both pairs: two grasps of the first, none of the second."""
+    return [made_up.merged("cube", name, accepted) for name, accepted in zip(SIDES, (2, 0), strict=True)]
 
 
 @pytest.fixture(scope="module")
-def content(tables) -> CardContent:
-    used, pairs = diversity(tables)
+def counts() -> list[PairCounts]:
+    trials = made_up.trials("cube", SIDES)
+    return [
+        pair_counts("synthesized", "cube", name, rows, trials)
+        for name, rows in zip(SIDES, merged_tables(), strict=True)
+    ]
+
+
+@pytest.fixture(scope="module")
+def content(counts) -> CardContent:
+    validated = {one: made_up.validated(one.style, one.object_name) for one in SINGLES}
+    used, pairs = diversity(counts, validated)
     return CardContent(
         scale="tiny",
         seed=3,
-        funnels=[single_grasp_funnel(*key, rows, tables.validated[key]) for key, rows in tables.candidates.items()],
-        merges=[pair_merge(*key, rows) for key, rows in tables.merged.items()],
+        funnels=[
+            single_grasp_funnel(
+                one.style, one.object_name, made_up.candidates(one.style, one.object_name), validated[one]
+            )
+            for one in SINGLES
+        ],
+        merges=[one.grasps for one in counts],
         used=used,
         diversity=pairs,
+        uses=[uses(one) for one in counts],
         distinct_distance=0.003,
-        objects=[ObjectFacts("cube", "recipe box", "own work, MIT", [0.042, 0.042, 0.042], 0.037)],
+        objects=[OBJECT],
         columns=MERGED,
         versions={"python": "3.11", "sapien": "3"},
         settings={"run": [("scale", "tiny", ""), ("seed", "3", "")]},
@@ -96,10 +105,9 @@ def test_links_lead_to_files(content, repository):
     assert links and all((repository / "reports" / link).resolve().is_file() for link in links)
 
 
-def test_the_example_runs_on_tables_as_they_are_written(content, tables, tmp_path, monkeypatch):
+def test_the_example_runs_on_tables_as_they_are_written(content, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for (first, second), rows in tables.merged.items():
-        write_table(paths.merged_file(first, second), rows, MERGED)
+    write_table(paths.merged_file("cube"), pd.concat(merged_tables(), ignore_index=True), MERGED)
     (example,) = re.findall(r"```python\n(.*?)```", dataset_card(content), flags=re.DOTALL)
     scope: dict = {}
     with contextlib.redirect_stdout(io.StringIO()) as printed:
@@ -142,11 +150,35 @@ def test_merged_grasps_differ_by_the_larger_difference_of_their_halves():
     seconds = used_grasps("side", "can", moved_grasps("side", "can", [[0, 0, 0], [0, 0, 0.02]]), [0, 1])
     merged = made_up.merged("cube", "can", accepted=3)
     merged["grasp0_id"], merged["grasp1_id"] = [0, 1, 0, 0], [0, 0, 1, 0]
-    pair = pair_diversity(merged, firsts, seconds)
+    counted = pair_counts("synthesized", "cube", "can", merged, made_up.trials("cube", ["can"]))
+    assert uses(counted) == (2, 2, 2)
+    pair = pair_diversity(counted, firsts, seconds)
     assert (pair.grasps, pair.pinch_grasps, pair.side_grasps, pair.most_uses) == (3, 2, 2, 2)
     assert pair.closest == pytest.approx(0.004) and pair.typical == pytest.approx(0.02)
 
 
-def test_a_pair_without_grasps_has_no_distance(tables):
-    empty = next(pair for pair in diversity(tables)[1] if pair.second == "box")
+def test_a_pair_without_grasps_has_no_distance(content, counts):
+    empty = next(pair for pair in content.diversity if pair.second == "box")
     assert empty.grasps == 0 and np.isnan(empty.closest) and empty.most_uses == 0
+    assert uses(counts[1]) == (0, 0, 0)
+
+
+def test_the_card_of_many_pairs_tells_distributions(content, counts):
+    many = MOST_PAIRS + 1
+    objects = [replace(OBJECT, name=f"box_{index}", licence=("MIT", "CC BY 4.0")[index % 2]) for index in range(many)]
+    accepted = [2] * (many - 1) + [10]
+    large = replace(
+        content,
+        merges=[replace(content.merges[0], accepted=number) for number in accepted],
+        used=[],
+        diversity=[],
+        uses=[(number, 1, number) for number in accepted],
+        objects=objects,
+    )
+    card = dataset_card(large)
+    assert f"{2 * many + 8} two-object grasps of {many} pairs" in card
+    found = {row[0].strip(" `"): row for rows in tables_of(card) for row in rows}
+    assert float(found["accepted grasps"][1]) == pytest.approx((2 * many + 8) / many, abs=0.05)
+    assert [float(cell.strip(" |")) for cell in found["distinct pinch grasps"][2:]] == [2, 2, 2, 2, 10]
+    assert found["MIT"][1] == "33" and found["CC BY 4.0"][1] == "32"
+    assert len(card) < 1.5 * len(dataset_card(content)), "it does not grow with the number of pairs"

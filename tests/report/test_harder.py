@@ -40,7 +40,7 @@ def test_a_setting_s_figures():
 
 
 def test_what_a_setting_changes_is_said_with_the_standard_value():
-    setting = HarderSetting(grasps="data/train", evaluate={"perturbation": 0.01}, physics={"object_friction": 0.6})
+    setting = HarderSetting(source="learned", evaluate={"perturbation": 0.01}, physics={"object_friction": 0.6})
     first, second = changes_of(setting, EvaluateParameters(perturbation=0.004), PhysicsParameters())
     assert (first.name, first.standard, first.here) == ("evaluate.perturbation", "0.004", "0.01")
     assert "Placement" in first.meaning

@@ -3,6 +3,7 @@ import gzip
 import io
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -15,16 +16,18 @@ from pipeline.records import paths
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.report import ReportParameters
 from pipeline.records.poses import pose_matrix
-from pipeline.report.charts import heat_map, ordered_categories, scale_colour, stacked_bars, table
+from pipeline.report.charts import heat_map, histogram, ordered_categories, scale_colour, stacked_bars, table
 from pipeline.report.chosen_trials import choose_trials, chosen_moments
-from pipeline.report.figure_files import contact_sheet, heat_map_picture
+from pipeline.report.embedding import FoldedTable
+from pipeline.report.figure_files import contact_sheet, heat_map_picture, success_picture
 from pipeline.report.harder import PREFIX
-from pipeline.report.page import PageContent, Strip, build_page
-from pipeline.report.rates import pair_merge, pair_trials, single_grasp_funnel
+from pipeline.report.many import WORST_PAIRS, worst_pairs
+from pipeline.report.page import PageContent, Strip, build_page, result_sentence
+from pipeline.report.rates import MOST_PAIRS, PairTrials, single_grasp_funnel, wilson_interval
 from pipeline.report.scene import UNIT, fractions, hexadecimal, shape_record, shown_grasps
+from pipeline.report.selection import plan
 from pipeline.report.settings import described
 from pipeline.report.summary import summarize
-from pipeline.report.tables import Tables
 from pipeline.report.trial_rows import trials_table
 from tests.browser import needs_chromium, open_tab
 from tests.report import made_up
@@ -67,57 +70,51 @@ def embedded(page: str, name: str):
     return json.loads(gzip.decompress(base64.b64decode(packed)))
 
 
-class StandIn:
-    """What drawing needs of a prepared object."""
-
-    def __init__(self, mesh: trimesh.Trimesh) -> None:
-        self.vertices, self.faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+SETTINGS = ReportParameters(picture_width=64, picture_height=64, pictures_per_trial=2)
 
 
 @pytest.fixture(scope="module")
-def tables() -> Tables:
-    singles = [("pinch", "cube"), ("side", "can")]
-    return Tables(
-        candidates={key: made_up.candidates(*key) for key in singles},
-        validated={key: made_up.validated(*key) for key in singles},
-        merged={("cube", "can"): made_up.merged("cube", "can")},
-        trials={(source, "cube"): made_up.trials("cube", ["can"], source) for source in ALL_SOURCES},
-    )
+def trials() -> dict:
+    return {source: made_up.trials("cube", ["can"], source) for source in ALL_SOURCES}
 
 
 @pytest.fixture(scope="module")
-def content(tables) -> PageContent:
-    from pipeline.report.drawing import draw_views
+def content(trials) -> PageContent:
+    from pipeline.report.drawing import PairTask, all_shapes, draw_pair, opening_view
 
-    objects = {
-        "cube": StandIn(trimesh.creation.box((0.04, 0.04, 0.04))),
-        "can": StandIn(trimesh.creation.cylinder(radius=0.03, height=0.1)),
-    }
-    settings = ReportParameters(picture_width=64, picture_height=64, pictures_per_trial=2)
-    views, shapes = draw_views(tables, objects, settings, EvaluateParameters(), workers=1)  # type: ignore[arg-type]
-    funnels = [single_grasp_funnel(*key, tables.candidates[key], tables.validated[key]) for key in tables.candidates]
-    merges = [pair_merge(*key, merged) for key, merged in tables.merged.items()]
-    trials = {source: [pair_trials("cube", "can", tables.trials[source, "cube"])] for source in ALL_SOURCES}
-    learned = made_up.learned("cube", ["can"])
+    meshes = trimesh.creation.box((0.04, 0.04, 0.04)), trimesh.creation.cylinder(radius=0.03, height=0.1)
+    counts = [one for source in ALL_SOURCES for one in made_up.counts("cube", ["can"], source)]
+    counted = {one.source: [one.trials] for one in counts}
     harder = made_up.harder("cube", ["can"])
+    planned = plan(counted, [harder], SETTINGS, EvaluateParameters())
+    assert (planned.told, planned.opening, planned.worst) == ([], None, [])
+    (request,) = planned.shown
+    pair = tuple((np.asarray(mesh.vertices), np.asarray(mesh.faces)) for mesh in meshes)
+    drawn = draw_pair(PairTask(request, pair, made_up.merged("cube", "can"), trials))  # type: ignore[arg-type]
+    funnels = [
+        single_grasp_funnel(*key, made_up.candidates(*key), made_up.validated(*key))
+        for key in (("pinch", "cube"), ("side", "can"))
+    ]
+    merges = [one.grasps for one in counts if one.source == "synthesized"]
+    learned = made_up.learned("cube", ["can"])
     return PageContent(
-        summary=summarize("tiny", funnels, merges, trials, {"demo": made_up.RECONSTRUCTION}, learned),
+        summary=summarize("tiny", funnels, merges, counted, {"demo": made_up.RECONSTRUCTION}, learned),
         funnels=funnels,
         merges=merges,
-        trials=trials,
-        views=views,
-        trial_tables={
-            (source, "cube", "can"): trials_table(source, "cube", "can", tables.trials[source, "cube"])
-            for source in ALL_SOURCES
-        }
+        trials=counted,
+        views=[drawn.view],
+        trial_tables={(source, "cube", "can"): rows for source, rows in drawn.tables.items()}
         | {(PREFIX + harder.name, "cube", "can"): trials_table(PREFIX + harder.name, "cube", "can", harder.rows)},
-        shapes=shapes,
+        shapes=all_shapes([drawn]),
         shape_unit=UNIT,
         success_height=0.2,
         hold_seconds=2.0,
         hand_torque_limit=0.7,
         versions={"python": "3"},
-        settings={"report": list(described("report", settings))},
+        settings={"report": list(described("report", SETTINGS))},
+        drift_limit=0.02,
+        opening=opening_view([drawn]),
+        counts=counts,
         learned=learned,
         reconstructed=made_up.reconstructed(),
         harder=[harder],
@@ -159,13 +156,11 @@ def test_the_page_shows_the_pair_its_trials_and_the_paper(content):
         assert words in text
     page = build_page(content, "")
     assert 'data-pair="cube--can"' in page
-    assert page.count("data:image/webp;base64,") == 1 + len(ALL_SOURCES) * (2 + 2)  # grasp, trials
+    assert page.count("data:image/webp;base64,") == 2 + 1 + len(ALL_SOURCES) * (2 + 2)  # on top, grasp, trials
     assert page.count("data:image/jpeg;base64,") == 2  # capture
 
 
 def test_objects_from_photos_have_figures_and_pictures(content):
-    from dataclasses import replace
-
     page = build_page(content, "")
     (section,) = re.findall(r'<section id="photos">(.*?)</section>', page, re.DOTALL)
     rows = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in re.findall(r"<tr>(.*?)</tr>", section)]
@@ -183,7 +178,7 @@ def test_library_and_data_cannot_end_their_elements(content):
     assert embedded(page, "plotly-source") == 'x = "</script><b>"'
 
 
-def test_every_cell_of_a_heat_map_leads_to_the_trials_of_its_pair(content, tables):
+def test_every_cell_of_a_heat_map_leads_to_the_trials_of_its_pair(content, trials):
     page = build_page(content, "")
     cells = re.findall(r'<table class="heat">.*?</table>', page, re.DOTALL)
     assert len(cells) == len(ALL_SOURCES)
@@ -193,10 +188,10 @@ def test_every_cell_of_a_heat_map_leads_to_the_trials_of_its_pair(content, table
         assert page.count(f'<details class="folded" id="{target}">') == 1
         kind, rows = stored["tables"][target]
         headers = stored["headers"][kind]
-        trials = tables.trials[source, "cube"].set_index("trial")
-        assert [int(row[0]) for row in rows] == list(trials.index)
+        made = trials[source].set_index("trial")
+        assert [int(row[0]) for row in rows] == list(made.index)
         for row in rows:
-            told, trial = dict(zip(headers, row, strict=True)), trials.loc[int(row[0])]
+            told, trial = dict(zip(headers, row, strict=True)), made.loc[int(row[0])]
             assert told["outcome"] == ("success" if trial["success"] else trial["reason"])
             assert told["seed"] == str(trial["seed"])
             height = trial["height0"]
@@ -226,13 +221,164 @@ def test_placed_geometry_is_where_the_table_says(content):
     assert extent == pytest.approx([0.04] * 3, abs=1e-4)
 
 
-def test_an_unsuccessful_pair_still_has_a_page(content, tables):
-    from dataclasses import replace
-
+def test_an_unsuccessful_pair_still_has_a_page(content):
     bare = replace(content.views[0], grasps=[], poster=None, strips=[])
     page = build_page(replace(content, views=[bare], shapes={}), "")
     parsed(page)
     assert "No merged grasp was accepted." in page and "No trial of this pair has pictures." in page
+
+
+def test_a_trial_and_the_result_come_before_any_number(content):
+    page = build_page(content, "")
+    (header,) = re.findall(r"<header>(.*?)</header>", page, re.DOTALL)
+    texts = parsed(header).texts
+    words = [" ".join(text.split()) for text in texts if text.strip()]
+    first_number = next(index for index, text in enumerate(words) if re.search(r"\d", text))
+    assert words[:first_number] == [
+        "One hand, two objects, one after the other",
+        *["settle", "hold"],
+        "A trial of the simulated robot: first the cube, then the can.",
+        "The robot lifted both objects in",
+    ]
+    (sentence,) = re.findall(r'<p class="result">(.*?)</p>', header)
+    low, high = (100 * end for end in wilson_interval(1, 3))
+    assert sentence.count(f"of 3 trials with synthesized grasps (95\u202f% interval {low:.1f}–{high:.1f}\u202f%)") == 1
+    rows = re.findall(r'<div class="tiles">.*?</div>\n', header, re.DOTALL)
+    assert 1 <= rows[0].count('class="tile') - 1 <= 6 and len(rows) == 2
+    assert header.index(rows[0]) < header.index("<details") < header.index(rows[1])
+
+
+def test_without_a_success_the_page_has_no_picture_on_top(content):
+    page = build_page(replace(content, opening=None), "")
+    assert 'class="opening"' not in page and parsed(page)
+    nothing = {source: [replace(pair, trials=0, successes=0) for pair in own] for source, own in content.trials.items()}
+    assert "No trial was made." in result_sentence(nothing)
+
+
+def many_content(content: PageContent, count: int) -> PageContent:
+    """So many pairs of two sources, and the few reconstructed ones: of `first_3` none succeeds, of all others one."""
+    counts = [
+        one
+        for source in paths.SOURCES
+        for index in range(count)
+        for one in made_up.counts(f"first_{index}", [f"second_{index}"], source)
+    ]
+    trials = {source: [one.trials for one in counts if one.source == source] for source in paths.SOURCES}
+    trials["learned"][3] = replace(trials["learned"][3], successes=0)
+    trials[paths.RECONSTRUCTED] = content.trials[paths.RECONSTRUCTED]
+    planned = plan(trials, content.harder, SETTINGS, EvaluateParameters())
+    merges = [one.grasps for one in counts if one.source == "synthesized"]
+    names = [f"first_{index}" for index in range(count)]
+    funnels = [replace(content.funnels[0], object_name=name) for name in names]
+    learned = made_up.learned("first_0", ["second_0"])
+    learned = replace(
+        learned,
+        quality={(one.first, one.second): learned.quality["first_0", "second_0"] for one in merges},
+        samples=merges,
+    )
+    told = {
+        (source, request.first, request.second): FoldedTable(("trial", "outcome"), [["0", "success"]])
+        for request in [*planned.shown, *planned.told]
+        for source in request.told
+    }
+    return replace(
+        content,
+        summary=summarize("tiny", funnels, merges, trials, {}, learned),
+        funnels=funnels,
+        merges=merges,
+        trials=trials,
+        views=[
+            replace(
+                content.views[0],
+                first=one.first,
+                second=one.second,
+                strips=[strip for strip in content.views[0].strips if (strip.source, strip.failed) in one.strips],
+            )
+            for one in planned.shown
+        ],
+        trial_tables=told | {key: rows for key, rows in content.trial_tables.items() if key[0].startswith(PREFIX)},
+        counts=counts,
+        worst=planned.worst,
+        learned=learned,
+    )
+
+
+def test_the_page_of_many_pairs_shows_the_worst_of_them(content):
+    many = many_content(content, 2 * MOST_PAIRS)
+    page = build_page(many, "")
+    parsed(page)
+    assert (many.worst[0].first, many.worst[0].source) == ("first_3", "learned")
+    assert len(many.views) == len(many.worst) == WORST_PAIRS
+    assert page.count('class="view" data-pair') == WORST_PAIRS
+    shown = {f"first_{index}" for index in range(WORST_PAIRS)}  # the others are equal, so the order decides
+    assert set(re.findall(r'data-pair="(first_\d+)--', page)) == shown
+    assert re.findall(r'href="(?!data:|#)([^"]*)"', page) == ["pairs.parquet"] * 3
+    assert set(re.findall(r'href="#([^"]+)"', page)) <= set(re.findall(r' id="([^"]+)"', page))
+    assert page.count('<table class="heat">') == 1, "only of the few reconstructed pairs"
+    for section in re.findall(r"<section.*?</section>", page, re.DOTALL):
+        figures = section.count('<table class="heat">') + section.count("<svg")
+        assert section.count('<details class="numbers">') >= figures, section[:80]
+
+
+def test_the_page_of_many_pairs_has_a_table_of_all_objects(content):
+    tables = embedded(build_page(many_content(content, 2 * MOST_PAIRS), ""), "table-data")
+    kind, rows = tables["tables"]["objects-learned-first"]
+    assert len(rows) == 2 * MOST_PAIRS and rows[0][0] == "first 3"
+    assert dict(zip(tables["headers"][kind], rows[0], strict=True))["success"] == "0.0\u202f%"
+    assert len(tables["tables"]["singles-pinch"][1]) == 2 * MOST_PAIRS
+
+
+def test_the_page_does_not_grow_with_pairs_that_it_does_not_show(content):
+    lengths = [len(build_page(many_content(content, factor * MOST_PAIRS), "")) for factor in (2, 6)]
+    assert lengths[1] - lengths[0] < 100 * 4 * MOST_PAIRS, "an object has some letters in a folded table"
+
+
+def test_worst_pairs_count_the_trials_of_all_sources():
+    def pair(first: str, successes: int, trials: int = 10) -> PairTrials:
+        return PairTrials(first, "can", trials, successes, successes, 0, trials, trials, {})
+
+    found = worst_pairs(
+        {"synthesized": [pair("a", 9), pair("b", 5), pair("c", 0, 0)], "learned": [pair("a", 3), pair("b", 6)]}, most=2
+    )
+    assert [(one.first, one.source, one.successes, one.trials) for one in found] == [
+        ("c", "synthesized", 0, 0),
+        ("b", "synthesized", 11, 20),
+    ]
+
+
+def test_pairs_that_something_leads_to_are_told_though_not_drawn():
+    def pairs(names: list[str], successes: int) -> list[PairTrials]:
+        return [PairTrials(name, "can", 2, successes, 0, 0, 2, 2, {}) for name in names]
+
+    names = [f"a{index}" for index in range(MOST_PAIRS + 1)]
+    trials = {"synthesized": pairs(names, 1), "reconstructed": pairs([names[-1], "other"], 2)}
+    planned = plan(trials, [], SETTINGS, EvaluateParameters())
+    assert [request.first for request in planned.shown] == names[:WORST_PAIRS]
+    assert [(request.first, request.told, request.strips) for request in planned.told] == [
+        (names[-1], ("reconstructed",), ()),
+        ("other", ("reconstructed",), ()),
+    ]
+    assert planned.opening is not None and planned.opening.strips == (("synthesized", False),)
+    assert all(request.strips == (("synthesized", True),) for request in planned.shown)
+
+
+def test_long_settings_are_shortened(content):
+    rows = [(f"objects.o{index}.density", "5", "") for index in range(1000)]
+    page = build_page(replace(content, settings={"objects": rows, "run": [("pairs", "x" * 5000, "")]}), "")
+    assert "880 more values" in page and "(5000 letters)" in page and "x" * 500 not in page
+
+
+def test_a_histogram_counts_every_value_once():
+    values = [0.0, 4.9, 5.0, 99.0, 100.0, 250.0, -3.0]
+    html = histogram(values, range(0, 101, 5), "Title", "rate (%)", "pairs")
+    parsed(html)
+    cells = re.findall(r'<th scope="row">([^<]*)</th><td>(\d+)</td>', html)
+    found = {name: int(count) for name, count in cells}
+    assert sum(found.values()) == len(values)
+    assert (found["0 to 5"], found["5 to 10"], found["95 to 100"]) == (3, 1, 3)
+    heights = [float(height) for height in re.findall(r'height="([\d.]+)" fill', html)]
+    assert max(heights) == 150 and sum(heights) == pytest.approx(150 * len(values) / 3)
+    parsed(histogram([], range(0, 101, 5), "Title", "rate (%)", "pairs"))
 
 
 def test_decimation_keeps_the_shape():
@@ -293,6 +439,10 @@ def test_picture_files_are_the_same_every_time(content):
     pairs = content.trials["synthesized"]
     first = heat_map_picture(pairs)
     assert first == heat_map_picture(pairs) and first.startswith(b"\x89PNG")
+    assert success_picture(pairs) == first
+    many = [replace(pairs[0], first=f"a{index}", second=f"b{index}") for index in range(MOST_PAIRS)]
+    assert Image.open(io.BytesIO(success_picture(many))).size[1] < 500, "no map of thousands of cells"
+    assert success_picture(many) == success_picture(many)
     pictures = [np.zeros((64, 64, 3), np.uint8)] * 2
     sheet = Image.open(io.BytesIO(contact_sheet(pictures, ["settle", "hold"])))
     assert sheet.size == (2 * 64, 64 + 24)

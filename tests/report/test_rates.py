@@ -24,7 +24,7 @@ def test_funnel_follows_only_chains_that_passed_the_filter():
 
 def test_merge_counts_every_combination_once():
     merged = pd.DataFrame({"rejected_by": ["", "links", "", "sweep", "links"]})
-    merge = pair_merge("cube", "can", merged)
+    merge = pair_merge("cube", "can", merged["rejected_by"])
     assert merge.accepted + sum(merge.rejected.values()) == merge.tried == 5
     assert merge.rejected == {"links": 2, "sweep": 1}
 

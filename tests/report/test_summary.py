@@ -1,10 +1,12 @@
 import re
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from pipeline.report.rates import pair_merge, pair_trials, single_grasp_funnel
-from pipeline.report.summary import key_of_check, rounded, summarize
+from pipeline.report.rates import MOST_PAIRS, pair_merge, pair_trials, single_grasp_funnel
+from pipeline.report.summary import MOST_OBJECTS, key_of_check, rounded, summarize
 from tests.report import made_up
 
 SIDES = ["can", "box"]
@@ -18,7 +20,7 @@ def summary() -> dict:
         for name in names
     ]
     merges = [
-        pair_merge("cube", side, made_up.merged("cube", side, accepted))
+        pair_merge("cube", side, made_up.merged("cube", side, accepted)["rejected_by"])
         for side, accepted in zip(SIDES, (2, 1), strict=True)
     ]
     trials = made_up.trials("cube", SIDES)
@@ -27,6 +29,48 @@ def summary() -> dict:
     reconstructions = {"demo": made_up.RECONSTRUCTION}
     learned, harder = made_up.learned("cube", SIDES), [made_up.harder("cube", SIDES)]
     return summarize("tiny", funnels, merges, sources, reconstructions, learned, harder)
+
+
+OBJECTS = MOST_PAIRS + 1
+
+
+def pairs_of(count: int, partners: int = 1) -> list:
+    """Counts of pairs of so many first objects; those of an odd number have one grasp."""
+    return [
+        one
+        for index in range(count)
+        for one in made_up.counts(
+            f"first_{index}", [f"second_{index + k}" for k in range(partners)], accepted=index % 2
+        )
+    ]
+
+
+def large_summary(objects: int, partners: int = 1) -> dict:
+    """The summary of a run of many pairs, both sources alike."""
+    counts = pairs_of(objects, partners)
+    merges, trials = [one.grasps for one in counts], [one.trials for one in counts]
+    funnels = [
+        single_grasp_funnel(style, f"object_{index}", made_up.candidates(style, "x"), made_up.validated(style, "x"))
+        for style in ("pinch", "side")
+        for index in range(objects)
+    ]
+    learned = replace(
+        made_up.learned("first_0", ["second_0"]),
+        quality={(one.first, one.second): made_up.quality("x", ["y"])["y"] for one in counts},
+        samples=merges,
+    )
+    return summarize("tiny", funnels, merges, {"synthesized": trials, "learned": trials}, {}, learned)
+
+
+@pytest.fixture(scope="module")
+def large() -> dict:
+    return large_summary(OBJECTS)
+
+
+@pytest.fixture(scope="module")
+def dense() -> dict:
+    """Few objects, many pairs."""
+    return large_summary(MOST_OBJECTS // 2, partners=5)
 
 
 def documented_patterns(repository: Path) -> list[re.Pattern]:
@@ -51,10 +95,39 @@ def documented_patterns(repository: Path) -> list[re.Pattern]:
     return patterns
 
 
-def test_every_key_is_documented_and_every_documented_key_exists(summary, repository):
-    patterns = documented_patterns(repository)
-    assert [key for key in summary if not any(pattern.fullmatch(key) for pattern in patterns)] == []
-    assert [p.pattern for p in patterns if not any(p.fullmatch(key) for key in summary)] == []
+def test_every_key_is_documented_and_every_documented_key_exists(summary, large, dense, repository):
+    patterns, keys = documented_patterns(repository), {*summary, *large, *dense}
+    assert [key for key in keys if not any(pattern.fullmatch(key) for pattern in patterns)] == []
+    assert [p.pattern for p in patterns if not any(p.fullmatch(key) for key in keys)] == []
+
+
+def test_the_summary_does_not_grow_with_the_run(large):
+    assert len(large_summary(3 * OBJECTS)) == len(large) < 150
+    assert not [key for key in large if "first_" in key or "object_" in key]
+
+
+def test_many_pairs_are_told_by_quartiles(large):
+    accepted = [index % 2 for index in range(OBJECTS)]
+    quartiles = [large[f"merge.per_pair_{name}"] for name in ("quartile_1", "median", "quartile_3")]
+    assert quartiles == np.percentile(accepted, [25, 50, 75]).tolist()
+    assert large["merge.mean_per_pair"] == pytest.approx(np.mean(accepted), abs=1e-6)
+    assert large["merge.pairs"] == large["evaluate.synthesized.pairs"] == OBJECTS
+    assert large["evaluate.synthesized.success_rate_median"] == pytest.approx(1 / 3, abs=1e-6)
+    assert large["evaluate.synthesized.failed.plan_second"] == pytest.approx(1 / 3, abs=1e-6)
+    assert large["merge.rejected.hand_clearance"] == pytest.approx(OBJECTS / (OBJECTS + sum(accepted)), abs=1e-6)
+    assert large["sample.accepted"] == sum(accepted)
+
+
+def test_objects_of_many_pairs_keep_their_own_keys_while_they_are_few(dense):
+    assert dense["evaluate.learned.first.first_0.success_rate_mean"] == pytest.approx(1 / 3, abs=1e-6)
+    assert dense["validate.pinch.object_0.survival_rate"] == 0.5
+    assert not [key for key in dense if "--" in key]
+
+
+def test_as_many_pairs_as_the_paper_has_keep_their_keys():
+    trials = [one.trials for one in pairs_of(MOST_PAIRS)]
+    values = summarize("paper", [], [], {"synthesized": trials}, {})
+    assert values["evaluate.synthesized.first_0--second_0.trials"] == 3 and "evaluate.synthesized.pairs" not in values
 
 
 def test_headline_figures(summary):

@@ -4,7 +4,15 @@ import pytest
 
 from pipeline.track.lock import digest, flatten, locked_stages, stage_names
 from pipeline.track.rates import csv_text, success_rows, survival_rows
-from pipeline.track.record import build_record, numbers, stage_metrics
+from pipeline.track.record import (
+    MOST_MEMBERS,
+    MOST_POINTS,
+    build_record,
+    condensed,
+    numbers,
+    stage_metrics,
+    thinned,
+)
 
 LOCK = {
     "schema": "2.0",
@@ -59,7 +67,19 @@ def test_the_names_of_stages_are_those_that_dvc_makes(repository):
 
     declared, parameters = (yaml.safe_load((repository / name).read_text()) for name in ("dvc.yaml", "params.yaml"))
     made = {stage.addressing for stage in Repo(str(repository)).index.stages}
-    assert {*stage_names(declared, parameters), "track"} == made
+    assert {*stage_names(declared, parameters), "track"} == made - {"code"}
+
+
+def test_the_items_of_a_stage_may_stand_in_its_declaration():
+    declared = {
+        "code": {"cmd": "x"},
+        "validate": {"foreach": ["pinch", "side"], "do": {}},
+        "merge": {"cmd": "x"},
+        "sample": {"foreach": ["learned", "reconstructed"], "do": {}},
+        "track": {"cmd": "x"},
+    }
+    wanted = ["validate@pinch", "validate@side", "merge", "sample@learned", "sample@reconstructed"]
+    assert stage_names({"stages": declared}, {}) == wanted
 
 
 @pytest.mark.parametrize("entry", [{"foreach": "${nothing}"}, {"foreach": "some ${objects}"}, {"matrix": {"a": [1]}}])
@@ -90,6 +110,69 @@ def test_the_key_follows_the_result_and_not_the_code():
     assert len({key(), key({"a": 2}), key(lock=other_seed), key(lock=changed("outs", []))}) == 4
 
 
+WITH_ITEMS = {
+    "cmd": "python -m pipeline.merge",
+    "deps": [{"path": "data/validate/side", "md5": "dd.dir"}],
+    "params": {"code.yaml": {"merge": "0123456789abcdef"}, "params.yaml": {"merge": {"grasps_per_pair": 4}}},
+    "outs": [{"path": "data/items/merge.json", "md5": "ee"}, {"path": "data/merge", "md5": "bb.dir"}],
+}
+
+
+def of_code(code: str, index: str, data: str = "bb.dir"):
+    """The stage as it is after a run with this code, which wrote this index of items and this data."""
+    outs = [{"path": "data/items/merge.json", "md5": index}, {"path": "data/merge", "md5": data}]
+    params = {**WITH_ITEMS["params"], "code.yaml": {"merge": code}}
+    return locked_stages({"stages": {"merge": {**WITH_ITEMS, "params": params, "outs": outs}}}, ["merge"])
+
+
+def test_code_and_the_index_of_items_are_no_part_of_a_result():
+    (stage,) = locked_stages({"stages": {"merge": WITH_ITEMS}}, ["merge"])
+    assert stage.parameters == {"merge.grasps_per_pair": 4} and stage.outputs == {"data/merge": "bb.dir"}
+    same, other = of_code("f" * 16, "ff"), of_code("f" * 16, "ff", data="cc.dir")
+    assert stage.fingerprint == same[0].fingerprint != other[0].fingerprint
+    keys = [build_record({"a": 1}, {}, stages, {}).key for stages in ([stage], same, other)]
+    assert keys[0] == keys[1] != keys[2]
+
+
+def objects(count: int, density: float = 500.0) -> dict:
+    return {f"objects.o{index}.{name}": density for index in range(count) for name in ("density", "scale")}
+
+
+def test_parameters_of_many_objects_are_a_count_and_a_digest():
+    few = {**objects(MOST_MEMBERS), "seed": 1}
+    assert condensed(few) == few
+    many = condensed({**objects(MOST_MEMBERS + 1), "seed": 1})
+    assert set(many) == {"objects.count", "objects.digest", "seed"} and many["objects.count"] == MOST_MEMBERS + 1
+    assert many == condensed({"seed": 1, **objects(MOST_MEMBERS + 1)})
+    assert many["objects.digest"] != condensed(objects(MOST_MEMBERS + 1, density=600.0))["objects.digest"]
+
+
+def test_long_texts_are_a_digest_that_tells_them_apart():
+    one, other = (condensed({"styles.pinch": f"{'x' * 7000}{end}"})["styles.pinch"] for end in "ab")
+    assert one != other and len(one) < 100
+
+
+def test_a_record_of_a_thousand_objects_is_no_longer_than_one_of_a_hundred():
+    lengths = []
+    for count in (100, 1000):
+        lock = {
+            "stages": {"prepare": {"params": {"params.yaml": {"objects": {f"o{i}": {"d": 1} for i in range(count)}}}}}
+        }
+        record = build_record({}, objects(count), locked_stages(lock, ["prepare"]), {})
+        lengths.append(len(record.parameters) + len(record.stages[0].parameters))
+    assert lengths == [4, 4]
+
+
+@pytest.mark.parametrize("count", [0, 1, MOST_POINTS, MOST_POINTS + 1, 1234])
+def test_a_long_curve_is_thinned_evenly_and_keeps_its_end(count):
+    curve = [{"step": float(index), "loss": 0.5} for index in range(count)]
+    steps = [point["step"] for point in thinned(curve)]
+    assert len(steps) == min(count, MOST_POINTS) == len(set(steps))
+    assert not steps or steps[-1] == count - 1
+    gaps = {later - sooner for sooner, later in zip(steps, steps[1:], strict=False)}
+    assert not gaps or max(gaps) - min(gaps) <= 1
+
+
 def test_data_versions_are_of_all_outputs_but_the_report():
     assert build_record({}, {}, stages(), {}).data_versions() == {"data/merge/cube": "bb.dir"}
 
@@ -106,6 +189,9 @@ def test_rates_are_tables_of_objects_and_pairs():
         "scale": "demo",
     }
     assert survival_rows(summary) == [("cube, pinch", 0.5)]
+    many = {"evaluate.learned.success_rate_median": 0.9, "validate.side.survival_rate_quartile_1": 0.2}
+    assert success_rows(many) == [("median: learned", 0.9)]
+    assert survival_rows(many) == [("quartile_1, side", 0.2)]
     assert success_rows(summary) == [("cube, soup_can: icy", 0.25), ("cube, soup_can: learned", 1.0)]
     lines = csv.reader(csv_text("object", survival_rows(summary)).splitlines())
     assert list(lines) == [["object", "rate"], ["cube, pinch", "0.5"]]
@@ -133,6 +219,26 @@ def test_metrics_go_to_the_stage_that_they_are_of():
     assert stage_metrics("train", metrics) == {"validation_loss": 0.5}
     assert stage_metrics("evaluate-harder@placement", metrics) == {"lost": 0.25, "cube--can.success_rate": 0.75}
     assert stage_metrics("sample@cube", metrics) == {"cube--can.tried": 9}
+
+
+def test_metrics_of_all_items_go_to_the_stage_that_makes_them_all():
+    metrics = {
+        "validate.pinch.cube.survival_rate": 0.5,
+        "validate.side.can.survival_rate": 0.4,
+        "merge.grasps": 8,
+        "merge.cube--can.accepted": 4,
+        "sample.cube--can.tried": 9,
+        "evaluate.learned.trials": 25,
+        "evaluate.harder.placement.lost": 0.25,
+        "reconstruct.demo.alignment_mm": 0.1,
+    }
+    assert stage_metrics("validate@pinch", metrics) == {"cube.survival_rate": 0.5}
+    assert stage_metrics("merge", metrics) == {"grasps": 8, "cube--can.accepted": 4}
+    assert stage_metrics("sample@learned", metrics) == {"cube--can.tried": 9}
+    assert stage_metrics("sample@reconstructed", metrics) == {} == stage_metrics("evaluate@synthesized", metrics)
+    assert stage_metrics("evaluate@learned", metrics) == {"trials": 25}
+    assert stage_metrics("evaluate-harder", metrics) == {"placement.lost": 0.25}
+    assert stage_metrics("reconstruct", metrics) == {"demo.alignment_mm": 0.1}
 
 
 def test_only_numbers_are_metrics():

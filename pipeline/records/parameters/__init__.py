@@ -289,7 +289,7 @@ def require_allegro(parameters: Parameters, source: Path = paths.PARAMETERS_FILE
     if parameters.hand != ALLEGRO:
         raise UserError(
             f"{source}: hand is {parameters.hand}, and everything after the validation (two objects, the arm, the "
-            f"learned model, the report) works with the {ALLEGRO} alone; `./dev repro validate-pinch` makes single "
+            f"learned model, the report) works with the {ALLEGRO} alone; `./dev repro validate@pinch` makes single "
             f"grasps of this hand, `./dev compose demo` leads back to the {ALLEGRO}."
         )
 

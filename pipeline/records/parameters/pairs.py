@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from pipeline.records.seeds import item_seed
 
 PairsParameter = Literal["all"] | Annotated[int, Field(ge=1)] | list[tuple[str, str]]
 
-EXCESS = 1.25  # most partners of a second object, in parts of an even share
+LEAST, MOST = 0.5, 1.5  # partners of a second object, in parts of an even share
 
 
 def partners(
@@ -25,24 +26,61 @@ def partners(
         pairs: ``all``; or how many partners each first object gets; or the pairs themselves.
         seed: the run's; with a number of partners it decides which.
 
-    Drawn partners are balanced: no second object has more than ``EXCESS`` times an even share, and each has at least
-    one. They are also stable: a first object added at the end of the list changes the partners of few others, as each
-    prefers the second objects in an order of its own (consistent hashing with bounded loads, Mirrokni et al. 2018).
+    Drawn partners are balanced: every second object has at least one, and between ``LEAST`` and ``MOST`` times an even
+    share. And they are stable: one object more or fewer changes few pairs of the others, because every first object has
+    an order of its own among the second ones, takes those that it prefers (rendezvous hashing, Thaler and Ravishankar
+    1998), and only those who have too few or too many are exchanged.
     """
     if pairs == "all":
         return {first: tuple(seconds) for first in firsts}
-    if not isinstance(pairs, int):
-        chosen = {first: {second for name, second in pairs if name == first} for first in firsts}
-        return {first: tuple(name for name in seconds if name in own) for first, own in chosen.items()}
-    most = math.ceil(EXCESS * len(firsts) * min(pairs, len(seconds)) / max(len(seconds), 1))
-    load: Counter[str] = Counter()
-    drawn: dict[str, set[str]] = {}
-    for first in firsts:
-        preferred = sorted(seconds, key=lambda second: item_seed(seed, "pairs", first, second))
-        free = [second for second in preferred if load[second] < most]
-        drawn[first] = set([*free, *(name for name in preferred if name not in free)][:pairs])
-        load.update(drawn[first])
-    for second in seconds:
-        if firsts and not load[second]:
-            drawn[min(firsts, key=lambda first: item_seed(seed, "pairs", first, second))].add(second)
-    return {first: tuple(name for name in seconds if name in own) for first, own in drawn.items()}
+    if isinstance(pairs, int):
+        chosen = _drawn(firsts, seconds, min(pairs, len(seconds)), seed)
+    else:
+        named = set(pairs)
+        chosen = np.array([[(first, second) in named for second in seconds] for first in firsts], dtype=bool)
+    return {
+        first: tuple(second for second, is_chosen in zip(seconds, row, strict=True) if is_chosen)
+        for first, row in zip(firsts, chosen, strict=True)
+    }
+
+
+def _drawn(firsts: Sequence[str], seconds: Sequence[str], count: int, seed: int) -> NDArray[np.bool_]:
+    """Return which pairs (firsts, seconds) are drawn, ``count`` in each row."""
+    liking = _scrambled(
+        np.array([item_seed(seed, "first", name) for name in firsts], np.uint64)[:, None]
+        ^ np.array([item_seed(seed, "second", name) for name in seconds], np.uint64)[None, :]
+    )
+    taken = np.zeros(liking.shape, dtype=bool)
+    np.put_along_axis(taken, np.argsort(liking, axis=1)[:, :count], True, axis=1)
+    load, share = taken.sum(axis=0), len(firsts) * count / max(len(seconds), 1)
+    for second in np.flatnonzero(load < max(1, math.floor(LEAST * share))):
+        for first in np.argsort(liking[:, second]):
+            own = np.flatnonzero(taken[first])
+            richest = own[np.argmax(load[own])]
+            if not taken[first, second] and load[richest] > share:
+                _exchange(taken, load, first, richest, second)
+            if load[second] >= max(1, math.floor(LEAST * share)):
+                break
+    for second in np.flatnonzero(load > math.ceil(MOST * share)):
+        holders = np.flatnonzero(taken[:, second])
+        for first in holders[np.argsort(liking[holders, second])[::-1]]:
+            free = np.flatnonzero(~taken[first] & (load < share))
+            if len(free):
+                _exchange(taken, load, first, second, free[np.argmin(liking[first, free])])
+            if load[second] <= math.ceil(MOST * share):
+                break
+    return taken
+
+
+def _exchange(taken: NDArray[np.bool_], load: NDArray[np.int64], first: int, old: int, new: int) -> None:
+    taken[first, old], taken[first, new] = False, True
+    load[old] -= 1
+    load[new] += 1
+
+
+def _scrambled(values: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Return numbers that look random (splitmix64, Steele, Lea and Flood 2014)."""
+    with np.errstate(over="ignore"):
+        values = (values ^ (values >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        values = (values ^ (values >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return values ^ (values >> np.uint64(31))

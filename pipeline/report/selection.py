@@ -1,0 +1,79 @@
+"""Which pairs the page shows, and what of each: all where they are few, else those that fare worst."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from pipeline.records.parameters.evaluate import EvaluateParameters
+from pipeline.records.parameters.report import ReportParameters
+from pipeline.report.counting import SYNTHESIZED
+from pipeline.report.drawing import Look, Request, full_look, small_look
+from pipeline.report.harder import Harder
+from pipeline.report.many import WorstPair, worst_pairs
+from pipeline.report.rates import MOST_PAIRS, PairTrials
+
+Pair = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be drawn."""
+
+    shown: list[Request]  # pairs with grasps and strips, in the order of the page
+    told: list[Request]  # other pairs whose trials something on the page leads to
+    opening: Request | None  # the trial on top of the page, where no shown pair may have one
+    worst: list[WorstPair] = field(default_factory=list)
+
+
+def plan(
+    trials: Mapping[str, Sequence[PairTrials]],
+    harder: Sequence[Harder],
+    settings: ReportParameters,
+    evaluate: EvaluateParameters,
+) -> Plan:
+    """Return which pairs are drawn and told.
+
+    Args:
+        trials: per source, counts of every pair.
+        harder: settings beside which standard trials are shown.
+    """
+    sources: dict[Pair, list[str]] = {}
+    for source, pairs in trials.items():
+        for pair in pairs:
+            sources.setdefault((pair.first, pair.second), []).append(source)
+    full, bare = full_look(settings), Look(settings.picture_width, settings.picture_height, 0, grasps=0)
+
+    def request(pair: Pair, strips: tuple[tuple[str, bool], ...], told: Sequence[str], look: Look) -> Request:
+        return Request(*pair, strips=strips, told=tuple(told), look=look, evaluate=evaluate)
+
+    if max(map(len, trials.values()), default=0) <= MOST_PAIRS:
+        shown = [
+            request(pair, tuple((source, failed) for source in own for failed in (False, True)), own, full)
+            for pair, own in sources.items()
+            if SYNTHESIZED in own
+        ]
+        told = [request(pair, (), own, bare) for pair, own in sources.items() if SYNTHESIZED not in own]
+        return Plan(shown, told, None)
+    worst = worst_pairs(trials)
+    small = small_look(settings)
+    shown = [
+        request((one.first, one.second), ((one.source, True),), sources[one.first, one.second], small) for one in worst
+    ]
+    linked = [
+        (source, (one.first, one.second)) for source, own in trials.items() if len(own) <= MOST_PAIRS for one in own
+    ] + [(one.source, names) for one in harder for names in one.shown]
+    others: dict[Pair, list[str]] = {}
+    for source, names in dict.fromkeys(linked):
+        if names not in {(one.first, one.second) for one in worst}:
+            others.setdefault(names, []).append(source)
+    opening = next(
+        (
+            request((pair.first, pair.second), ((source, False),), (), Look(full.width, full.height, 6, grasps=0))
+            for source, own in trials.items()
+            for pair in own
+            if pair.successes
+        ),
+        None,
+    )
+    return Plan(shown, [request(pair, (), own, bare) for pair, own in others.items()], opening, worst)
