@@ -65,6 +65,11 @@ class Stage:
         """The command line's options, such as {"style": "pinch"}."""
         return dict(re.findall(r"--(\w+) (\S+)", self.command))
 
+    @property
+    def reads_everything(self) -> bool:
+        """Whether the stage shows all of params.yaml, for which a line of code.yaml stands."""
+        return "settings" in self.lines
+
     def sections(self) -> list[str]:
         """What the stage's own ``sections()`` says for these options."""
         return import_module(self.module).sections(*self.options.values())

@@ -16,7 +16,7 @@ STAGES = declared_stages(ROOT)
 OF_ITEMS = [stage for stage in STAGES if any(output.startswith("data/items/") for output in stage.outputs)]
 MODULES = {stage.module: stage.room for stage in STAGES}
 ROOMS = sorted(set(MODULES.values()) - {"code"})
-SETTINGS = "settings"  # the line of code.yaml that stands for all parameters
+READ_EVERYTHING = {stage.room for stage in STAGES if stage.reads_everything}
 PUBLISHED = {"reports/learned_objectives.csv", "reports/learned_ablation.csv"}  # by scripts of benchmarks/
 
 each_stage = pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.name)
@@ -31,12 +31,8 @@ def files_of(room: str) -> list[Path]:
 def test_parameters_are_the_stage_s_own_sections(stage):
     if stage.room == "code":
         assert "params.yaml" in stage.dependencies  # it fingerprints all
-        return
-    assert len(set(stage.lines) - {SETTINGS}) == 1
-    if SETTINGS in stage.lines:
-        assert set(stage.parameters) <= set(stage.sections())
-    else:
-        assert set(stage.parameters) == set(stage.sections())
+    elif not stage.reads_everything:
+        assert len(stage.lines) == 1 and set(stage.parameters) == set(stage.sections())
 
 
 @each_stage
@@ -54,7 +50,7 @@ def test_rooms_of_stages_do_not_import_each_other(room):
     assert rooms & set(ROOMS) == {room}
 
 
-@each_room
+@pytest.mark.parametrize("room", sorted({*ROOMS} - READ_EVERYTHING))
 def test_a_stage_reads_no_parameter_but_its_sections(room):
     """Everything goes through ``load_parameters(sections(...))``, but the number of workers, which changes nothing."""
     for source in files_of(room):
@@ -71,7 +67,7 @@ def test_a_stage_reads_no_parameter_but_its_sections(room):
 def test_who_asks_for_the_pairs_declares_what_they_depend_on(room):
     asks = any("load_pairs(" in source.read_text() for source in files_of(room))
     for stage in STAGES:
-        if asks and stage.room == room and not {SETTINGS, "evaluate-harder"} & set(stage.lines):
+        if asks and stage.room == room and not stage.reads_everything and stage.name != "evaluate-harder":
             assert {"seed", "styles", "pairs"} <= set(stage.parameters) or "reconstructed" in stage.parameters
 
 
