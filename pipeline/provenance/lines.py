@@ -5,8 +5,8 @@ changed::
 
     params: [{code.yaml: [validate, settings.physics, settings.validate]}]
 
-So ``dvc.lock`` holds a few digits for a section, not a thousand objects, and DVC reads ``params.yaml`` once, not once for
-each stage.
+So ``dvc.lock`` holds a few digits for a section, not a thousand objects, and DVC reads ``params.yaml`` once, not once
+for each stage.
 """
 
 from __future__ import annotations

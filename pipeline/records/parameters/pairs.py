@@ -72,7 +72,7 @@ def _drawn(firsts: Sequence[str], seconds: Sequence[str], count: int, seed: int)
     return taken
 
 
-def _exchange(taken: NDArray[np.bool_], load: NDArray[np.int64], first: int, old: int, new: int) -> None:
+def _exchange(taken: NDArray[np.bool_], load: NDArray[np.int64], first: int, old: np.intp, new: np.intp) -> None:
     taken[first, old], taken[first, new] = False, True
     load[old] -= 1
     load[new] += 1
