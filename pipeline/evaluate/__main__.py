@@ -7,6 +7,7 @@ that begin with one object by hand.
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
 
 from pipeline.compute.code import own_fingerprint
 from pipeline.compute.items import Stage, make_by_hand, make_items
@@ -18,6 +19,9 @@ from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.running import run_stage
 from pipeline.records.tables import TRIALS
+
+if TYPE_CHECKING:
+    from pipeline.evaluate.trial import TrialInput
 
 
 def evaluate(source: str, only: str) -> None:
@@ -34,7 +38,12 @@ def evaluate(source: str, only: str) -> None:
 
     tables = Tables(paths.trials_file(source, "").parent, TRIALS, ("object1", "trial"))
     stage = Stage(f"evaluate@{source}", "trials", tables)
-    with trials_of(tables, lambda pair: inputs_of_pair(source, *pair.split("/"), parameters)) as begin:
+
+    def inputs_of(pair: str) -> list[TrialInput]:
+        first, second = pair.split("/")
+        return inputs_of_pair(source, first, second, parameters)
+
+    with trials_of(tables, inputs_of) as begin:
         if only:
             numbers = range(parameters["evaluate"].trials)
             make_by_hand(stage, [f"{'/'.join(pair)}/{number}" for pair in pairs for number in numbers], begin, workers)

@@ -92,7 +92,7 @@ def evaluate(only: str) -> None:
             )
             return
         common = digest(own_fingerprint("evaluate-harder"), hand_digest(ALLEGRO))
-        fingerprints = {}
+        fingerprints: dict[str, str] = {}
         for name, first, second in keys:
             setting = harder.settings[name]
             own = trial_digests(setting.source, first, second, changed(setting, parameters))[: harder.trials]

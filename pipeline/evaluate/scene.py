@@ -71,7 +71,7 @@ def placement_offsets(settings: EvaluateParameters, rng: np.random.Generator) ->
 
 
 def placed(
-    objects: tuple[PreparedObject, PreparedObject], settings: EvaluateParameters, offsets: NDArray[np.float64]
+    objects: Sequence[PreparedObject], settings: EvaluateParameters, offsets: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return ``T_world_object`` (4, 4) of both objects standing on the sponge; object 0 on the robot's right."""
     poses = []
