@@ -20,6 +20,7 @@ IN_GIT = {
     "reports/survival.csv",
     "reports/success.csv",
 }
+SETTINGS = "settings."  # what lines of code.yaml begin with that stand for sections of params.yaml
 # Packages that take long to load: nothing may do so before the parameters were checked.
 HEAVY = {
     "torch",
@@ -44,8 +45,8 @@ class Stage:
     name: str
     command: str
     dependencies: tuple[str, ...]
-    parameters: tuple[str, ...]  # of params.yaml
-    lines: tuple[str, ...]  # of code.yaml
+    parameters: tuple[str, ...]  # sections of params.yaml, through their lines of code.yaml
+    lines: tuple[str, ...]  # of code.yaml that stand for code
     outputs: tuple[str, ...]
 
     @property
@@ -67,8 +68,8 @@ class Stage:
 
     @property
     def reads_everything(self) -> bool:
-        """Whether the stage shows all of params.yaml, for which a line of code.yaml stands."""
-        return "settings" in self.lines
+        """Whether the stage shows all of params.yaml."""
+        return not hasattr(import_module(self.module), "sections")
 
     def sections(self) -> list[str]:
         """What the stage's own ``sections()`` says for these options."""
@@ -86,14 +87,13 @@ def _stage(name: str, body: dict, variables: dict[str, str]) -> Stage:
     def filled(entries) -> tuple[str, ...]:
         return tuple(_filled(entry, variables) for entry in entries)
 
-    parameters = body.get("params", [])
-    lines = [line for entry in parameters if isinstance(entry, dict) for line in entry["code.yaml"]]
+    lines = filled(line for entry in body.get("params", []) for line in entry["code.yaml"])
     return Stage(
         name=name,
         command=_filled(body["cmd"], variables),
         dependencies=filled(body["deps"]),
-        parameters=filled(entry for entry in parameters if isinstance(entry, str)),
-        lines=tuple(lines),
+        parameters=tuple(line.removeprefix(SETTINGS) for line in lines if line.startswith(SETTINGS)),
+        lines=tuple(line for line in lines if not f"{line}.".startswith(SETTINGS)),
         outputs=filled([*body.get("outs", []), *body.get("metrics", [])]),
     )
 

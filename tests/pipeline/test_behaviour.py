@@ -150,7 +150,8 @@ def test_a_pinch_parameter_runs_no_side_stage_and_the_way_back_none(workspace):
 def test_a_harder_setting_runs_its_own_trials_and_is_recorded_once(workspace):
     runs, before = workspace.recorded_runs(), workspace.fingerprints()
     original = (workspace / "params.yaml").read_text()
-    changed(workspace, "harder.settings.slippery", {"source": "synthesized", "physics": {"object_friction": 0.5}})
+    slippery = {"source": "synthesized", "evaluate": {}, "physics": {"object_friction": 0.5}}
+    changed(workspace, "harder.settings.slippery", slippery)
     result = workspace.repro()
     assert result.ran == ["code", "evaluate-harder", "report", "track"]
     assert result.computed == {"evaluate-harder": (1, 2)}
