@@ -40,6 +40,11 @@ class Stage:
     output: Output
 
 
+def all_wanted() -> bool:
+    """Return whether every item is to be computed, whatever was made before."""
+    return os.environ.get(RECOMPUTE) == "1"
+
+
 def make_items(stage: Stage, fingerprints: Mapping[str, str], begin: Begin, workers: Workers) -> None:
     """Bring the output of a stage up to date.
 
@@ -56,7 +61,7 @@ def make_items(stage: Stage, fingerprints: Mapping[str, str], begin: Begin, work
     check_writable(stage.output.folder)
     check_writable(index)
     remove_finished()
-    everything = os.environ.get(RECOMPUTE) == "1"
+    everything = all_wanted()
     if everything:
         unfinished.clear()
     earlier = {} if everything else _kept(stage, fingerprints, index)
@@ -109,14 +114,16 @@ def _present(run: EarlierRun, name: str) -> Path:
 def make_by_hand(stage: Stage, keys: Sequence[str], begin: Begin, workers: Workers) -> None:
     """Compute some items, whatever was made before, and put them beside what the output holds already.
 
-    DVC then finds a changed output, and makes it again when the stage is next due.
+    The index of items goes, as it no longer tells what the output holds: DVC makes both again before the next stage
+    that depends on them.
     """
     if not keys:
         return
     results: dict[str, Any] = {}
     check_writable(stage.output.folder / keys[0].split("/")[0])
     run_all(begin(keys, results.__setitem__), workers, stage.name, lambda name, nothing: None)
-    with TemporaryDirectory(dir=stage.output.folder, prefix=".", suffix=".tmp") as folder:
+    paths.items_file(stage.name).unlink(missing_ok=True)
+    with TemporaryDirectory(dir=stage.output.folder, prefix=".by_hand.", suffix=f".{os.getpid()}.tmp") as folder:
         stage.output.write(Path(folder), keys, results.__getitem__)
         for made in sorted(Path(folder).iterdir()):
             stage.output.place(made, stage.output.folder / made.name)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipeline.compute.code import own_fingerprint
-from pipeline.compute.items import Keep, Stage, make_items
+from pipeline.compute.items import Keep, Stage, all_wanted, make_items
 from pipeline.compute.outputs import Folders, files_in
 from pipeline.records import paths
 from pipeline.records.digests import digest, hand_digest
@@ -58,6 +58,9 @@ def train_model() -> None:
     training = TrainingParameters(**settings)
     examples = gather_examples(tables, objects, data, settings["encoder"], seed)
     code = digest(own_fingerprint("train"), hand_digest(ALLEGRO))
+
+    if all_wanted():
+        paths.TRAINING_STATE.unlink(missing_ok=True)
 
     def work(keep: Keep) -> Work[None]:
         from tempfile import TemporaryDirectory
