@@ -3,10 +3,10 @@
 import subprocess
 import sys
 
-import pytest
+from tests.trust.damage import by_hand
 
 
-@pytest.mark.slow
+@by_hand
 def test_random_edits_end_with_the_bytes_of_a_run_from_nothing(repository, tmp_path):
     """An object's size changes; another comes while a run is killed; then back to the beginning."""
     command = [sys.executable, "benchmarks/random_edits.py", "--edits", "3", "--seed", "13"]

@@ -13,7 +13,7 @@ class PhysicsParameters(Section):
     frequency: int = Field(200, ge=50, le=2000, description="Physics steps per second. Paper's code: 200.")
     position_iterations: int = Field(25, ge=1, le=255, description="Solver iterations. Paper's code: 25.")
     contact_offset: float = Field(
-        0.02,
+        0.01,
         gt=0,
         le=0.1,
         description="m, in trials; validate has its own. ManiSkill's and the paper's: 0.02.",
