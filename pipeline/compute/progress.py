@@ -5,7 +5,10 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Iterator
 from types import TracebackType
-from typing import TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
 
 Item = TypeVar("Item")
 
@@ -18,21 +21,15 @@ def watched(items: Iterable[Item], total: int, label: str) -> Iterator[Item]:
 
 
 class Bar:
-    """A bar named ``label`` over ``total`` items that are under way at the same time, each done to some share."""
+    """A bar named ``label`` over ``total`` items that are under way at the same time, each done to some share.
+
+    It appears with the first item that has begun, so that what is wrong with the input is said without it.
+    """
 
     def __init__(self, total: int, label: str) -> None:
-        from tqdm import tqdm
-
-        self._total, self._finished = total, 0
+        self._total, self._label, self._finished = total, label, 0
         self._shares: dict[int, float] = {}
-        self._bar = tqdm(
-            total=total,
-            desc=label,
-            file=sys.stderr,
-            mininterval=1.0,
-            miniters=0,
-            bar_format="{desc}: {percentage:3.0f}%|{bar}| [{elapsed}<{remaining}{postfix}]",
-        )
+        self._shown: tqdm[Any] | None = None
 
     def __enter__(self) -> Bar:
         return self
@@ -40,7 +37,8 @@ class Bar:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._bar.close()
+        if self._shown is not None:
+            self._shown.close()
 
     def moved(self, item: int, share: float) -> None:
         """Show that this share of an item is done, 0 to 1."""
@@ -52,8 +50,23 @@ class Bar:
         self._shares.pop(item, None)
         self._finished += 1
         if self._total > 1:
-            self._bar.set_postfix_str(f"{self._finished} of {self._total}", refresh=False)
+            self._bar().set_postfix_str(f"{self._finished} of {self._total}", refresh=False)
         self._show()
 
     def _show(self) -> None:
-        self._bar.update(self._finished + sum(self._shares.values()) - self._bar.n)
+        bar = self._bar()
+        bar.update(self._finished + sum(self._shares.values()) - bar.n)
+
+    def _bar(self) -> tqdm[Any]:
+        if self._shown is None:
+            from tqdm import tqdm
+
+            self._shown = tqdm(
+                total=self._total,
+                desc=self._label,
+                file=sys.stderr,
+                mininterval=1.0,
+                miniters=0,
+                bar_format="{desc}: {percentage:3.0f}%|{bar}| [{elapsed}<{remaining}{postfix}]",
+            )
+        return self._shown

@@ -8,6 +8,7 @@ import pytest
 from pipeline.compute.executor import AHEAD, Executor, OwnProcess, compute_batch
 from pipeline.compute.losses import WorkersLost
 from pipeline.compute.pool import Calls, run_all, run_on
+from pipeline.compute.shared import Shared
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.compute import ComputeParameters
 from tests.compute.items import add, add_slowly, counted, counting, draw, fail_on_three, run_items
@@ -164,11 +165,29 @@ def test_batches_do_not_shrink_below_what_can_be_sent_in_time():
     assert batches * 0.005 < seconds_of_work
 
 
-def test_a_batch_is_of_one_round_alone():
+def test_short_calls_of_several_items_go_together():
     executor = Recorder(workers=2, seconds=0.01)
-    finished_by(executor, [(f"{start}", partial(counting, start, 2, width=5)) for start in range(0, 10_000, 100)])
-    assert all(len({number // 100 for number in batch}) == 1 for batch in executor.batches)
-    assert max(map(len, executor.batches)) == 5
+    starts = range(0, 10_000, 100)
+    results = finished_by(executor, [(f"{start}", partial(counting, start, 2, width=5)) for start in starts])
+    assert results == {f"{start}": counted(start, 2, width=5) for start in starts}
+    assert max(len({number // 100 for number in batch}) for batch in executor.batches) > 1
+
+
+def add_both(shared, number):
+    return number + shared.value
+
+
+def test_a_batch_is_of_one_function_with_one_shared_value():
+    executor = Recorder(workers=2, seconds=0.01)
+    ones, thousands = Shared(1), Shared(1000)
+    starts = range(0, 10_000, 100)
+    work = {start: partial(add_both, thousands if start % 200 else ones) for start in starts}
+    results = finished_by(
+        executor, [(f"{start}", partial(counting, start, 1, function, width=5)) for start, function in work.items()]
+    )
+    for start in starts:
+        step = 1000 if start % 200 else 1
+        assert results[f"{start}"][-1] == [start + offset + step for offset in range(5)]
 
 
 def test_nothing_to_send_makes_no_batches():

@@ -196,12 +196,14 @@ def test_an_object_of_one_s_own_comes_changes_and_goes(workspace):
 
 
 def test_an_experiment_in_a_folder_of_its_own_takes_the_items_of_the_workspace(workspace):
+    changed(workspace, "evaluate.trials", 2)
+    workspace.repro("evaluate@synthesized")
     before = workspace.fingerprints()
-    composed = ("--set-param", "scale=tiny", "--set-param", "evaluate.trials=2")
+    composed = ("--set-param", "scale=tiny", "--set-param", "evaluate.trials=3")
     printed = workspace.dvc("exp", "run", "--temp", *composed, "evaluate@synthesized")
     result = Repro(0, printed)
     assert result.ran == ["code", "evaluate@synthesized"]
-    assert result.computed == {"evaluate@synthesized": (1, 2)}
+    assert result.computed == {"evaluate@synthesized": (1, 3)}
     assert workspace.fingerprints() == before
 
 
@@ -236,7 +238,8 @@ def test_a_killed_stage_goes_on_at_the_trial_it_was_at_and_ends_with_the_same_by
     finished = len(list(done.glob("*.pickle")))
     assert finished in (1, 2)
     result = workspace.repro("evaluate@synthesized")
-    assert result.computed == {"evaluate@synthesized": (3 - finished, 4)}  # one is that of the first run
+    # Which grasp the first trial tries depends on their number: it may be that of the first run.
+    assert result.computed["evaluate@synthesized"] in [(3 - finished, 4), (4 - finished, 4)]
     assert f"{finished} finished by an interrupted run" in result.output
     resumed = workspace.fingerprints()
     result = workspace.repro("--force", "--single-item", "evaluate@synthesized", RECOMPUTE="1")
