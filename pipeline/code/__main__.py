@@ -9,8 +9,7 @@ import argparse
 import ast
 import sys
 from pathlib import Path
-
-import yaml
+from typing import Any
 
 from pipeline.code.unseen import unseen
 from pipeline.provenance.closure import ROOT_PACKAGE
@@ -32,7 +31,15 @@ def write_lines() -> None:
     """
     lines = code_lines(Path())
     with whole_file(paths.CODE_FILE) as temporary:
-        temporary.write_text(yaml.safe_dump(lines, sort_keys=False))
+        temporary.write_text(_text(lines))
+
+
+def _text(lines: dict[str, Any], indent: str = "") -> str:
+    """Return YAML whose values are quoted: digits alone, or with an e among them, would be a number to some readers."""
+    return "".join(
+        f"{indent}{name}:\n{_text(value, indent + '  ')}" if isinstance(value, dict) else f'{indent}{name}: "{value}"\n'
+        for name, value in lines.items()
+    )
 
 
 def check() -> None:
