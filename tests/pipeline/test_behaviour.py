@@ -258,7 +258,9 @@ def test_a_damaged_table_is_named_and_made_again_by_hand_or_by_dvc(finished, wor
     assert "data/validate/pinch/cube.parquet" in said and "dvc repro validate@pinch" in said
     done = workspace.command(sys.executable, "-m", "pipeline.validate", "--style", "pinch", "--object", "cube")
     assert done.returncode == 0, done.stderr
-    assert workspace.fingerprints() == before
+    by_hand = workspace.fingerprints()
+    assert before.keys() - by_hand.keys() == {"data/items/validate-pinch.json"}  # it tells of whole runs of the stage
+    assert by_hand == {name: digest for name, digest in before.items() if name in by_hand}
     # One is missing, one belongs to nothing.
     table.rename(table.with_name("stranger.parquet"))
     assert workspace.repro().ran == []

@@ -27,6 +27,7 @@ def test_a_colleague_adds_an_object_and_computes_nothing_else(finished, workspac
     done = clone.command("python", "-m", "pipeline.workspace.add_object", str(mug), "--style", "pinch")
     assert done.returncode == 0, done.stderr
     assert "taken as mm" in done.stderr
+    clone.dvc("add", "data/raw/mug.stl")
     result = clone.repro("validate@pinch")
     assert result.ran == ["code", "prepare", "synthesize@pinch", "validate@pinch"]
     assert result.computed == {"prepare": (1, 3), "synthesize@pinch": (1, 2), "validate@pinch": (1, 2)}
@@ -36,7 +37,6 @@ def test_a_colleague_adds_an_object_and_computes_nothing_else(finished, workspac
     }
 
     # Shared through DVC's storage, with those who compute nothing of the object again.
-    clone.dvc("add", "data/raw/mug.stl")
     clone.dvc("push")
     clone.commit("Add a mug")
     workspace.git("pull", "--quiet", str(clone.root))
