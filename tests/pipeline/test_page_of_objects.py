@@ -41,5 +41,6 @@ def test_a_colleague_adds_an_object_and_computes_nothing_else(finished, workspac
     clone.commit("Add a mug")
     workspace.git("pull", "--quiet", str(clone.root))
     assert not (workspace / "data/raw/mug.stl").exists()
+    workspace.dvc("pull")
     assert workspace.repro("--pull", "validate@pinch").ran == []
     assert workspace.fingerprints("data/validate") == clone.fingerprints("data/validate")
