@@ -74,7 +74,7 @@ def test_what_is_written_is_read_again(ball, tmp_path, monkeypatch):
     assert np.array_equal(again.points, points) and np.array_equal(again.normals, -points)
     assert np.array_equal(again.vertices, item.vertices) and np.array_equal(again.seen, item.seen)
     (folder / "pictures/photo_001.jpg").unlink()
-    with pytest.raises(UserError, match="photo_001.jpg is missing; run `dvc repro reconstruct@demo`"):
+    with pytest.raises(UserError, match="photo_001.jpg is missing; run `dvc repro reconstruct`"):
         load_reconstruction_pictures("demo")
     (folder / "objects/ball/points.npy").write_bytes(b"")
     with pytest.raises(UserError, match="objects/ball is damaged"):
