@@ -79,7 +79,7 @@ def row(style: str, prepared: PreparedObject, settings: StyleParameters, grasps:
     scene = EnergyScene(prepared, energy, settings)
     fingers = tuple(settings.finger_sets[0])
     request = Request(prepared, style, 1, energy, optimizer, settings)
-    first, slots, free, seeds = first_states(Block(request, fingers, tuple(range(grasps))), scene)
+    first, slots, free, seeds = first_states(request, Block(fingers, tuple(range(grasps))), scene)
 
     def chain(start: Grasps, length: int) -> Grasps:
         return run_chains(scene, optimizer, length, start, slots, free, seeds)[0]

@@ -8,9 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pipeline.compute.pool import run_one
 from pipeline.hand.allegro import RING_LINKS, load_hand
 from pipeline.hand.kinematics import link_poses
-from pipeline.merge.pairs import merge_pairs, ready_firsts, summary
+from pipeline.merge.pairs import merging, summary
 from pipeline.pairing.combination import Pair, try_combination
 from pipeline.pairing.grasps import distinct_grasps
 from pipeline.pairing.readiness import ready_first, settling_physics
@@ -74,13 +75,19 @@ def several(count: int):
     return firsts, seconds
 
 
+def tables_of(pairs, physics, firsts, seconds, generators, workers) -> dict[str, pd.DataFrame]:
+    tables: dict[str, pd.DataFrame] = {}
+    run_one(merging(pairs, physics, firsts, seconds, generators, tables.__setitem__), workers, "merge")
+    return tables
+
+
 def all_merged(workers: int, seconds: dict, **settings) -> dict[str, pd.DataFrame]:
     settings = {"grasps_per_pair": 6, "most_per_grasp": 2, "distinct_distance": 0.0, "physics_test": False} | settings
     firsts, _ = several(6)
     pairs = {name: pair(**settings) for name in seconds}
     physics = PhysicsParameters() if settings["physics_test"] else None
     generators = {name: np.random.default_rng(4 + len(name)) for name in seconds}
-    return merge_pairs(pairs, ready_firsts(box(), physics, firsts, workers), seconds, generators, workers)
+    return tables_of(pairs, physics, firsts, seconds, generators, workers)
 
 
 def merged(workers: int, **settings) -> pd.DataFrame:
@@ -118,7 +125,7 @@ def test_limits_end_the_search() -> None:
     assert len(merged(1, most_combinations=5)) == 5
     few = merged(1, grasps_per_pair=40)  # 4 usable side grasps, twice each
     assert (few.rejected_by == "").sum() == 8
-    nothing = merge_pairs({"can": pair()}, [], {"can": [side()]}, {"can": np.random.default_rng(0)}, 1)["can"]
+    nothing = tables_of({"can": pair()}, None, [], {"can": [side()]}, {"can": np.random.default_rng(0)}, 1)["can"]
     assert len(nothing) == 0 and list(nothing.columns) == MERGED.names
     assert summary(nothing) == "0 accepted of 0 tried"
 
@@ -144,8 +151,7 @@ def test_merged_grasps_are_distinct() -> None:
     seconds = distinct_grasps([shifted(side(), index) for index in range(7)], 0.003)
     settings = {"grasps_per_pair": 9, "most_per_grasp": 3, "clearance": -1.0, "penetration_tolerance": 1.0}
     chosen = pair(**settings, mount_clearance=-1.0, physics_test=False)
-    ready = ready_firsts(box(), None, firsts, 1)
-    table = merge_pairs({"can": chosen}, ready, {"can": seconds}, {"can": np.random.default_rng(0)}, 1)["can"]
+    table = tables_of({"can": chosen}, None, firsts, {"can": seconds}, {"can": np.random.default_rng(0)}, 1)["can"]
     assert (table.rejected_by == "").all() and len(table) == 9
     of_id = [{single.grasp_id: hand_around_object(single) for single in singles} for singles in (firsts, seconds)]
     halves = [(of_id[0][a], of_id[1][b]) for a, b in zip(table.grasp0_id, table.grasp1_id, strict=True)]

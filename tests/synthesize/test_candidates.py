@@ -68,8 +68,8 @@ def test_the_first_of_several_starts_is_that_of_a_chain_with_one():
     several, one = request(chains=10, starts=3), request(chains=10, starts=1)
     scene = EnergyScene(one.prepared, one.energy, one.settings)
     for many_block, block in zip(split_chains(several), split_chains(one), strict=True):
-        first, _, _, seeds = first_states(block, scene)
-        firsts, _, _, all_seeds = first_states(many_block, scene)
+        first, _, _, seeds = first_states(one, block, scene)
+        firsts, _, _, all_seeds = first_states(several, many_block, scene)
         np.testing.assert_array_equal(firsts.q[::3], first.q)
         np.testing.assert_array_equal(all_seeds[::3], seeds)
         assert len(set(all_seeds.tolist())) == len(np.unique(firsts.q, axis=0)) == 3 * len(block.chains)
@@ -111,5 +111,5 @@ def test_the_official_preset_finds_grasps_too():
 
 
 def test_sections_are_those_of_the_style():
-    assert "synthesize.side" not in sections("pinch", "cube")
-    assert set(load_parameters(sections("side", "cube"))) == set(sections("side", "cube"))
+    assert "synthesize.side" not in sections("pinch")
+    assert set(load_parameters(sections("side"))) == set(sections("side"))
