@@ -155,7 +155,7 @@ def merged_table(tmp_path_factory) -> bytes:
 @given(changes=edits)
 def test_tables_of_grasps(place, merged_table, changes):
     from pipeline.evaluate.grasps import accepted_grasps
-    from pipeline.evaluate.plan import _grasp
+    from pipeline.evaluate.plan import Choice, _grasp
     from pipeline.share.project import WorkingFolder, read_columns
     from pipeline.train.data import grasps_of
 
@@ -165,7 +165,7 @@ def test_tables_of_grasps(place, merged_table, changes):
     valid_or_one_sentence(lambda: accepted_grasps(read_table(source, MERGED, "merge@cube")))
     valid_or_one_sentence(lambda: grasps_of(read_table(source, MERGED, "merge@cube")))
     valid_or_one_sentence(lambda: read_columns(folder, Path("table.parquet"), MERGED, "merge@cube"))
-    valid_or_one_sentence(lambda: _grasp(source, None))
+    valid_or_one_sentence(lambda: _grasp(Choice(source)))
     source.unlink()
 
 
@@ -208,7 +208,7 @@ WRONG = {
 @pytest.mark.parametrize(("column", "value"), [(name, value) for name, values in WRONG.items() for value in values])
 def test_a_grasp_from_elsewhere_that_is_none_is_refused(place, column, value):
     """The columns are right, and what is in them is not."""
-    from pipeline.evaluate.plan import _grasp
+    from pipeline.evaluate.plan import Choice, _grasp
 
     source = place / "table.parquet"
     rows = merged_rows()
@@ -217,5 +217,5 @@ def test_a_grasp_from_elsewhere_that_is_none_is_refused(place, column, value):
         write_table(source, rows, MERGED)
     except pa.ArrowInvalid:
         pytest.skip("no such table can be written")
-    assert valid_or_one_sentence(lambda: _grasp(source, None))
+    assert valid_or_one_sentence(lambda: _grasp(Choice(source)))
     source.unlink()
