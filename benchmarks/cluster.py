@@ -24,12 +24,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import pipeline  # noqa: E402, F401  (sets the thread counts before numpy is imported)
 from pipeline.compute.fan_out import Workers, fan_out  # noqa: E402
 from pipeline.records import paths  # noqa: E402
-from pipeline.records.cost import cost_so_far  # noqa: E402
 from pipeline.records.errors import UserError  # noqa: E402
 from pipeline.records.objects import load_prepared_object  # noqa: E402
 from pipeline.records.parameters import load_parameters  # noqa: E402
 from pipeline.records.parameters.compute import ComputeParameters  # noqa: E402
 from pipeline.records.tables import CANDIDATES, VALIDATED, read_table, write_table  # noqa: E402
+from pipeline.stages.cost import cost_so_far  # noqa: E402
 
 EMPTY = 200  # items that do nothing, to see what the way itself costs
 

@@ -27,7 +27,7 @@ COMMANDS = {
     "validate@pinch": ["pipeline.validate", "--style", "pinch"],
     "validate@side": ["pipeline.validate", "--style", "side"],
     "merge": ["pipeline.merge"],
-    "sample@learned": ["pipeline.train.sample", "--source", "learned"],
+    "sample@learned": ["pipeline.sample", "--source", "learned"],
     "evaluate@synthesized": ["pipeline.evaluate", "--source", "synthesized"],
     "evaluate-harder": ["pipeline.evaluate.harder"],
     "capture": ["pipeline.capture"],

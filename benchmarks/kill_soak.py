@@ -72,7 +72,7 @@ class Clone:
         subprocess.run(["git", "clone", "--quiet", str(source), str(self.root)], check=True)
         for name in ("dvc.lock", *(f"reports/{name}" for name in ("dataset.md", "summary.json", "tracking.json"))):
             (self.root / name).unlink(missing_ok=True)
-        compose = [sys.executable, "-m", "pipeline.workspace.scales", "compose", scale, "--force"]
+        compose = [sys.executable, "-m", "tools.scales", "compose", scale, "--force"]
         subprocess.run(compose, cwd=self.root, env=self.environment, check=True, stdout=subprocess.DEVNULL)
 
     def repro(self, log: Path, *arguments: str) -> subprocess.Popen[bytes]:
@@ -82,7 +82,7 @@ class Clone:
                 [
                     "sh",
                     "-c",
-                    '"$0" -m pipeline.workspace.prune && exec "$0" -m dvc repro "$@"',
+                    '"$0" -m tools.prune && exec "$0" -m dvc repro "$@"',
                     sys.executable,
                     *arguments,
                 ],

@@ -37,17 +37,17 @@ from pipeline.evaluate.grasps import TwoObjectGrasp, grasp_from_row  # noqa: E40
 from pipeline.evaluate.scene import without_grid  # noqa: E402
 from pipeline.evaluate.trial import run_trial, trial_inputs  # noqa: E402
 from pipeline.hand.allegro import load_hand  # noqa: E402
+from pipeline.model.checkpoint import Checkpoint, read_checkpoint  # noqa: E402
+from pipeline.model.network import GraspModel  # noqa: E402
 from pipeline.pairing.combination import Pair  # noqa: E402
 from pipeline.records.objects import PreparedObject, load_prepared_object  # noqa: E402
 from pipeline.records.parameters import Parameters  # noqa: E402
-from pipeline.records.seeds import item_seed  # noqa: E402
 from pipeline.report.comparisons import ABLATION_FILE, write_comparison  # noqa: E402
-from pipeline.train.checkpoint import Checkpoint, read_checkpoint  # noqa: E402
-from pipeline.train.network import GraspModel  # noqa: E402
-from pipeline.train.proposals import Task, check_sample, checked_pair, pair_energy  # noqa: E402
-from pipeline.train.quality import penetration_depth  # noqa: E402
-from pipeline.train.refinement import PairEnergy, Scored, refine  # noqa: E402
-from pipeline.train.sampling import sample_grasps  # noqa: E402
+from pipeline.sample.proposals import Task, check_sample, checked_pair, pair_energy  # noqa: E402
+from pipeline.sample.quality import penetration_depth  # noqa: E402
+from pipeline.sample.refinement import PairEnergy, Scored, refine  # noqa: E402
+from pipeline.sample.sampling import sample_grasps  # noqa: E402
+from pipeline.stages.seeds import item_seed  # noqa: E402
 
 
 @dataclass(frozen=True)

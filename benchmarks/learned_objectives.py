@@ -31,20 +31,20 @@ import pandas as pd  # noqa: E402
 import pipeline  # noqa: E402, F401  (sets the thread counts before numpy is imported)
 from pipeline.energy.scene import compile_kernels  # noqa: E402
 from pipeline.hand.allegro import load_hand  # noqa: E402
+from pipeline.model.checkpoint import Checkpoint  # noqa: E402
+from pipeline.model.representation import GraspBatch  # noqa: E402
 from pipeline.records import paths  # noqa: E402
 from pipeline.records.objects import load_prepared_object  # noqa: E402
 from pipeline.records.parameters import Parameters, read_parameters  # noqa: E402
 from pipeline.records.parameters.train import DiffusionParameters, TrainingParameters  # noqa: E402
 from pipeline.records.tables import MERGED, pair_rows, read_table  # noqa: E402
 from pipeline.report.comparisons import OBJECTIVES_FILE, write_comparison  # noqa: E402
-from pipeline.train.checkpoint import Checkpoint  # noqa: E402
+from pipeline.sample.quality import grasp_distances, penetration_depth  # noqa: E402
+from pipeline.sample.refinement import PairEnergy, Scored, refine  # noqa: E402
+from pipeline.sample.sampling import CLOUDS, grasps_from_clouds, sampled_clouds  # noqa: E402
 from pipeline.train.data import Examples, gather_examples  # noqa: E402
-from pipeline.train.quality import grasp_distances, penetration_depth  # noqa: E402
-from pipeline.train.refinement import PairEnergy, Scored, refine  # noqa: E402
-from pipeline.train.representation import GraspBatch  # noqa: E402
-from pipeline.train.sampling import CLOUDS, grasps_from_clouds, sampled_clouds  # noqa: E402
 from pipeline.train.training import train  # noqa: E402
-from pipeline.workspace.scales import compose  # noqa: E402
+from tools.scales import compose  # noqa: E402
 
 OBJECTIVES = {
     "clean": DiffusionParameters(objective="clean", schedule="cosine"),

@@ -21,9 +21,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from pipeline.capture.recipe import render_capture  # noqa: E402
 from pipeline.reconstruct.reconstruction import metrics_of, reconstruct  # noqa: E402
 from pipeline.records.captures import read_capture, read_truth  # noqa: E402
-from pipeline.records.cost import cost_so_far  # noqa: E402
 from pipeline.records.objects import load_prepared_object  # noqa: E402
 from pipeline.records.parameters import read_parameters  # noqa: E402
+from pipeline.stages.cost import cost_so_far  # noqa: E402
 
 # Distortion of a wide phone lens, slight defocus and shake, noise of indoor light, changing exposure, some gloss.
 PHONE = {

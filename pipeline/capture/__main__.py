@@ -10,15 +10,15 @@ from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from pipeline.compute.code import own_fingerprint
-from pipeline.compute.items import Keep, Stage, make_by_hand, make_items
-from pipeline.compute.outputs import Folders
 from pipeline.records import paths
 from pipeline.records.digests import digest, prepared_digest
 from pipeline.records.errors import UserError
 from pipeline.records.objects import load_prepared_object
 from pipeline.records.parameters import load_parameters, read_parameters
-from pipeline.records.running import run_stage
+from pipeline.stages.code import own_fingerprint
+from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
+from pipeline.stages.outputs import Folders
+from pipeline.stages.running import run_stage
 
 if TYPE_CHECKING:
     from pipeline.compute.pool import Work

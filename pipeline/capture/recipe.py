@@ -20,8 +20,8 @@ from pipeline.records.errors import UserError
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.capture import RenderingParameters
 from pipeline.records.poses import pose_matrix
-from pipeline.records.seeds import item_generator
 from pipeline.records.writing import json_text, whole_folder
+from pipeline.stages.seeds import item_generator
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,11 @@ from pipeline.provenance.closure import ROOT_PACKAGE
 from pipeline.provenance.lines import code_lines
 from pipeline.records import paths
 from pipeline.records.errors import UserError
-from pipeline.records.running import run_stage
 from pipeline.records.writing import whole_file
+from pipeline.stages.running import run_stage
 
 # The builder of the documentation, which no stage runs.
-READS_DOCSTRINGS = Path("pipeline/website/reference.py")
+READS_DOCSTRINGS = Path("tools/website/reference.py")
 
 
 def write_lines() -> None:

@@ -9,16 +9,16 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from pipeline.compute.code import own_fingerprint
-from pipeline.compute.items import Stage, make_by_hand, make_items
-from pipeline.compute.outputs import Tables
 from pipeline.evaluate.inputs import SOURCES, inputs_of_pair, pairs_of, sections, trial_digests
 from pipeline.records import paths
 from pipeline.records.digests import digest, hand_digest
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.parameters.hand import ALLEGRO
-from pipeline.records.running import run_stage
 from pipeline.records.tables import TRIALS
+from pipeline.stages.code import own_fingerprint
+from pipeline.stages.items import Stage, make_by_hand, make_items
+from pipeline.stages.outputs import Tables
+from pipeline.stages.running import run_stage
 
 if TYPE_CHECKING:
     from pipeline.evaluate.trial import TrialInput

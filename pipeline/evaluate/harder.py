@@ -10,9 +10,6 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from pipeline.compute.code import own_fingerprint
-from pipeline.compute.items import Stage, make_by_hand, make_items
-from pipeline.compute.outputs import Tables
 from pipeline.evaluate.inputs import inputs_of_pair, trial_digests
 from pipeline.records import paths
 from pipeline.records.digests import digest, hand_digest
@@ -20,8 +17,11 @@ from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.parameters.harder import HarderSetting, overridden
-from pipeline.records.running import run_stage
 from pipeline.records.tables import TRIALS
+from pipeline.stages.code import own_fingerprint
+from pipeline.stages.items import Stage, make_by_hand, make_items
+from pipeline.stages.outputs import Tables
+from pipeline.stages.running import run_stage
 
 if TYPE_CHECKING:
     from pipeline.evaluate.trial import TrialInput

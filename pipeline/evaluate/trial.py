@@ -20,7 +20,7 @@ from pipeline.evaluate.sequence import ORDINALS, Posture, Surroundings, pick_pha
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters
-from pipeline.records.seeds import item_generator, item_seed
+from pipeline.stages.seeds import item_generator, item_seed
 
 if TYPE_CHECKING:
     from pipeline.motion.collisions import Obstacle

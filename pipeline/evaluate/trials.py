@@ -8,10 +8,10 @@ from dataclasses import replace
 from functools import cache, lru_cache, partial
 from typing import TYPE_CHECKING
 
-from pipeline.compute.items import Begin, Keep
-from pipeline.compute.outputs import Tables
 from pipeline.compute.pool import Calls, Work
 from pipeline.compute.shared import Shared
+from pipeline.stages.items import Begin, Keep
+from pipeline.stages.outputs import Tables
 
 if TYPE_CHECKING:
     from pipeline.evaluate.trial import TrialInput

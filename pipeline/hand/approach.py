@@ -18,9 +18,9 @@ from pipeline.hand.model import Hand
 from pipeline.hand.moves import finger_joints, move_points, straight
 from pipeline.hand.support import PLANE, Support
 from pipeline.hand.surface import hand_surface, mount_surface
-from pipeline.records.distance import signed_distance
 from pipeline.records.objects import PreparedObject
 from pipeline.records.poses import transform_points
+from pipeline.shapes.distance_field import signed_distance
 
 EXTENSIONS = (0.4, 0.6, 0.8, 1.0)  # shares of the way to a straight finger
 HORIZONTAL_TURNS = np.deg2rad([0, 15, -15, 30, -30, 45, -45, 60, -60])

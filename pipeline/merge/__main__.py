@@ -11,17 +11,17 @@ from collections.abc import Sequence
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
-from pipeline.compute.code import own_fingerprint
-from pipeline.compute.items import Keep, Stage, make_by_hand, make_items
-from pipeline.compute.outputs import Tables
 from pipeline.records import paths
 from pipeline.records.digests import digest, file_digest, hand_digest, prepared_digest
 from pipeline.records.objects import load_prepared_object
 from pipeline.records.parameters import load_pairs, load_parameters, read_parameters
 from pipeline.records.parameters.hand import ALLEGRO
-from pipeline.records.running import run_stage
-from pipeline.records.seeds import item_generator
 from pipeline.records.tables import MERGED, VALIDATED, read_table
+from pipeline.stages.code import own_fingerprint
+from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
+from pipeline.stages.outputs import Tables
+from pipeline.stages.running import run_stage
+from pipeline.stages.seeds import item_generator
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -19,9 +19,9 @@ from pipeline.hand.parts import part_links
 from pipeline.hand.support import PLANE, Support
 from pipeline.pairing.clearance import finger_clearance, hand_object_clearance, links_of, posed_hand, support_height
 from pipeline.pairing.grasps import PAIR_GROUPS, JoinedGrasp, SingleGrasp, fingers_of
-from pipeline.records.distance import signed_distance
 from pipeline.records.objects import PreparedObject
 from pipeline.records.poses import inverse_pose, transform_points
+from pipeline.shapes.distance_field import signed_distance
 
 EXTENSION_SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the way from the first grasp's waiting fingers to straight ones
 PATH_SHARES = (0.25, 0.5, 0.75, 1.0)  # where the opening of fingers is looked at

@@ -15,9 +15,9 @@ from pipeline.hand.parts import part_links
 from pipeline.hand.support import PLANE, Support
 from pipeline.hand.surface import hand_surface, mount_surface
 from pipeline.pairing.grasps import JoinedGrasp, fingers_of
-from pipeline.records.distance import signed_distance
 from pipeline.records.objects import PreparedObject
 from pipeline.records.poses import inverse_pose, transform_points
+from pipeline.shapes.distance_field import signed_distance
 
 HAND_POINTS = 2000  # about 5 mm apart
 PALM_SIDE_BASES = ("link_0.0", "link_4.0", "link_8.0")

@@ -12,16 +12,16 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipeline.compute.code import own_fingerprint
-from pipeline.compute.items import Keep, Stage, make_by_hand, make_items
-from pipeline.compute.outputs import Folders, files_in
 from pipeline.compute.pool import Calls, Work
 from pipeline.records import paths
 from pipeline.records.digests import digest, file_digest
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.parameters.objects import MeshParameters, ObjectParameters
-from pipeline.records.running import run_stage
+from pipeline.stages.code import own_fingerprint
+from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
+from pipeline.stages.outputs import Folders, files_in
+from pipeline.stages.running import run_stage
 
 if TYPE_CHECKING:
     from pipeline.prepare.sources import RawMesh

@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.prepare import convex_parts, distance_grid, frame, mass, repair, resting, samples, sources
+from pipeline.prepare import repair, resting, sources
 from pipeline.records.errors import UserError
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.objects import MeshParameters, ObjectParameters
 from pipeline.records.parameters.prepare import PrepareParameters
-from pipeline.records.seeds import item_generator
+from pipeline.shapes import convex_parts, distance_grid, frame, mass, samples
+from pipeline.stages.seeds import item_generator
 
 SMALLEST_MARGIN = 0.002  # m, of the support polygon around the centre of mass
 SMALLEST_TIP_ANGLE = np.radians(5.0)

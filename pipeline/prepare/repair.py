@@ -310,7 +310,7 @@ def _wrapped(mesh: Any) -> Any | None:
 
 def _lost_depth(mesh: Any, solid: Any) -> float:
     """Return how far (m) the surface of ``mesh`` lies outside of ``solid`` at most; sheets inside do not count."""
-    from pipeline.prepare.distance_grid import ray_scene
+    from pipeline.shapes.distance_grid import ray_scene
 
     result = solid.to_mesh64()
     scene = ray_scene(np.asarray(result.vert_properties)[:, :3], np.asarray(result.tri_verts))
@@ -324,7 +324,7 @@ def _simplified(body: Any, repairs: list[str]) -> Any:
     Manifold keeps the surface closed and its tolerance nearly; how far the old vertices lie from the new surface is
     measured.
     """
-    from pipeline.prepare.distance_grid import ray_scene
+    from pipeline.shapes.distance_grid import ray_scene
 
     before = body.num_tri()
     if before <= MOST_FACES:

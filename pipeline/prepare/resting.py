@@ -40,7 +40,7 @@ def stable_poses(vertices: NDArray[np.float64]) -> list[dict[str, object]]:
     """
     import trimesh
 
-    from pipeline.prepare.convex_parts import reduced_hull
+    from pipeline.shapes.convex_parts import reduced_hull
 
     (hull_vertices, hull_faces), _ = reduced_hull(vertices, STABLE_HULL_VERTICES)
     hull = trimesh.Trimesh(hull_vertices, hull_faces, process=False)

@@ -14,7 +14,7 @@ from pipeline.records.errors import UserError
 
 ROOT_PACKAGE = "pipeline"
 # It compares fingerprints: a stage goes on or stops, but no result depends on it.
-NOT_FOLLOWED = "pipeline.compute.code"
+NOT_FOLLOWED = "pipeline.stages.code"
 _NO_DATA = {".py", ".pyc", ".tmp"}
 
 

@@ -29,7 +29,7 @@ from pipeline.reconstruct.visibility import Bodies
 from pipeline.records.captures import Scene
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.reconstruct import ReconstructParameters, SplatParameters
-from pipeline.records.seeds import item_generator
+from pipeline.stages.seeds import item_generator
 
 # Adam's steps: metres for centres, radians about, logarithms, logits.
 RATES = {"centre": 2e-5, "rotation": 2e-3, "extent": 5e-3, "opacity": 2e-2, "brightness": 5e-3}

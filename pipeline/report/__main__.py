@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
 from pipeline.records.parameters import Parameters, read_parameters, require_allegro
-from pipeline.records.running import run_stage
-from pipeline.records.versions import installed_versions
 from pipeline.records.writing import whole_file, whole_folder, write_json
+from pipeline.stages.running import run_stage
+from pipeline.stages.versions import installed_versions
 
 if TYPE_CHECKING:
     from pipeline.report.counting import Counts

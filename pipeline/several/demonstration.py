@@ -56,13 +56,13 @@ def demonstrate(source: Path, output: Path, workers: int | None) -> None:
     from pipeline.pairing.grasps import validated_grasps
     from pipeline.pictures.picture import png_bytes
     from pipeline.prepare.preparation import prepare_object
-    from pipeline.records.seeds import item_generator
     from pipeline.records.tables import JOINED, JOINED_TRIALS, VALIDATED, write_table
     from pipeline.records.writing import whole_file, write_json
     from pipeline.several.joining import join_all, ready_grasps
     from pipeline.several.pictures import trial_sheet
     from pipeline.several.singles import single_grasps
     from pipeline.several.trials import posts_of, run_trial, trial_inputs
+    from pipeline.stages.seeds import item_generator
 
     objects = tuple(prepare_object(pick.name, pick.shape, parameters.prepare) for pick in sequence.picks)
     summary: dict[str, Any] = {}

@@ -20,7 +20,7 @@ from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.several import PickParameters, SeveralParameters
 from pipeline.records.poses import pose_matrix
-from pipeline.records.seeds import item_generator, item_seed
+from pipeline.stages.seeds import item_generator, item_seed
 
 
 @dataclass(frozen=True)

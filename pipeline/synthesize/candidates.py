@@ -17,7 +17,7 @@ from pipeline.energy.scene import EnergyScene, Grasps, Terms, compile_kernels, c
 from pipeline.hand.model import Hand, load_hand
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters, StyleParameters
-from pipeline.records.seeds import item_generator, item_seed
+from pipeline.stages.seeds import item_generator, item_seed
 from pipeline.synthesize.chains import run_chains
 from pipeline.synthesize.scoring import duplicates, first_failures, score_exactly
 from pipeline.synthesize.seeds import draw_seeds, free_joints

@@ -8,12 +8,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from pipeline.compute.unfinished import remove_finished
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import read_parameters, require_allegro
-from pipeline.records.running import run_stage
 from pipeline.records.writing import whole_file, write_json
+from pipeline.stages.running import run_stage
+from pipeline.stages.unfinished import remove_finished
 
 LOCK_FILE, STAGES_FILE = Path("dvc.lock"), Path("dvc.yaml")
 SURVIVAL_TABLE, SUCCESS_TABLE = Path("reports/survival.csv"), Path("reports/success.csv")

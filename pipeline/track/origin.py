@@ -7,7 +7,7 @@ import platform
 import subprocess
 from pathlib import Path
 
-from pipeline.records.versions import installed_versions
+from pipeline.stages.versions import installed_versions
 
 # A run rewrites these itself; they do not make its origin any less certain.
 WRITTEN_BY_A_RUN = (":(exclude)dvc.lock", ":(exclude)reports")

@@ -1,1 +1,1 @@
-"""A generative model of two-object grasps, conditioned on the clouds of both objects."""
+"""Stage train: fits the generative model to merged grasps."""

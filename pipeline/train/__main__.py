@@ -7,15 +7,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipeline.compute.code import own_fingerprint
-from pipeline.compute.items import Keep, Stage, all_wanted, make_items
-from pipeline.compute.outputs import Folders, files_in
 from pipeline.records import paths
 from pipeline.records.digests import digest, hand_digest
 from pipeline.records.parameters import load_pairs, load_parameters
 from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.parameters.train import TrainingParameters
-from pipeline.records.running import run_stage
+from pipeline.stages.code import own_fingerprint
+from pipeline.stages.items import Keep, Stage, all_wanted, make_items
+from pipeline.stages.outputs import Folders, files_in
+from pipeline.stages.running import run_stage
 
 if TYPE_CHECKING:
     from pipeline.compute.pool import Work
@@ -40,9 +40,9 @@ def train_model() -> None:
     parameters = load_parameters(sections())
     seed, data = parameters["seed"], parameters["train.data"]
 
+    from pipeline.model.checkpoint import write_checkpoint
     from pipeline.records.objects import load_prepared_object
     from pipeline.records.tables import MERGED, pair_rows, read_table
-    from pipeline.train.checkpoint import write_checkpoint
     from pipeline.train.data import gather_examples
     from pipeline.train.training import train, training_identity
 

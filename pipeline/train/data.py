@@ -9,15 +9,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pipeline.model.clouds import Clouds, prepare_cloud, stack
+from pipeline.model.held_out import STYLES, unseen_rows
+from pipeline.model.representation import GraspBatch, grasps_of
 from pipeline.records.errors import UserError
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.train import EncoderParameters, TrainDataParameters
-from pipeline.records.poses import pose_matrix
-from pipeline.records.seeds import item_generator
-from pipeline.train.clouds import Clouds, prepare_cloud, stack
-from pipeline.train.representation import GraspBatch
-
-STYLES = ("pinch", "side")  # how object 0 and object 1 are held
+from pipeline.stages.seeds import item_generator
 
 
 @dataclass(frozen=True)
@@ -86,24 +84,6 @@ def gather_examples(
     names = tuple(dict.fromkeys(name for name_pair in pairs for name in name_pair))
     clouds = object_clouds([objects[name] for name in names], encoder, seed)
     return Examples(names, pairs, grasps_of(rows), pair, split, held_out, clouds)
-
-
-def unseen_rows(rows: pd.DataFrame, held_out: Mapping[str, Sequence[int]]) -> NDArray[np.bool_]:
-    """Return which rows (N,) of a merged table have a single grasp in ``held_out``."""
-    unseen = np.zeros(len(rows), dtype=bool)
-    for slot, style in enumerate(STYLES):
-        keys = zip(rows[f"object{slot}"], rows[f"grasp{slot}_id"], strict=True)
-        unseen |= np.array([index in held_out.get(f"{style}.{name}", ()) for name, index in keys], dtype=bool)
-    return unseen
-
-
-def grasps_of(rows: pd.DataFrame) -> GraspBatch:
-    """Return the grasps in rows of a merged table."""
-    T = [
-        pose_matrix(np.stack(rows[f"position_hand_object{slot}"]), np.stack(rows[f"quaternion_hand_object{slot}"]))
-        for slot in (0, 1)
-    ]
-    return GraspBatch(np.stack(T, axis=1), np.stack(rows["q"]))
 
 
 def object_clouds(objects: Sequence[PreparedObject], settings: EncoderParameters, seed: int) -> Clouds:

@@ -28,14 +28,14 @@ from torch import Tensor
 
 from pipeline.compute.progress import watched
 from pipeline.hand.allegro import load_hand
+from pipeline.model.checkpoint import Checkpoint
+from pipeline.model.diffusion import signal_and_noise, target
+from pipeline.model.network import CloudTensors, GraspModel, cloud_tensors
+from pipeline.model.representation import GraspBatch, fit_normalisation, to_vectors, turn_objects
 from pipeline.records.parameters.train import OptimizationParameters, TrainingParameters
-from pipeline.records.seeds import item_seed
 from pipeline.records.writing import whole_file
-from pipeline.train.checkpoint import Checkpoint
+from pipeline.stages.seeds import item_seed
 from pipeline.train.data import Examples
-from pipeline.train.diffusion import signal_and_noise, target
-from pipeline.train.network import CloudTensors, GraspModel, cloud_tensors
-from pipeline.train.representation import GraspBatch, fit_normalisation, to_vectors, turn_objects
 
 FEW = 4  # draws per object that the network is calibrated with
 VALIDATION_DRAWS = 8  # noises per held-out example; always the same ones, so that points of the curve compare

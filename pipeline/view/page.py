@@ -411,7 +411,7 @@ class Page:
 
     def _aim_one(self, client: Any) -> None:
         """Point the camera of one browser, or (None) of those that will come, at the whole drawing."""
-        from pipeline.evaluate.video import CAMERA_POSITION, CAMERA_TARGET
+        from pipeline.replay.video import CAMERA_POSITION, CAMERA_TARGET
 
         with self._lock:
             aspect = USUAL_ASPECT if client is None else float(client.camera.aspect)

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.evaluate.playback import COLOURS as OBJECT_COLOURS
 from pipeline.evaluate.scene import SPONGE_SIZE, SPONGE_X, TABLE_SIZE, TABLE_X
 from pipeline.hand.kinematics import link_poses, points_on_links
 from pipeline.hand.model import Hand, load_hand
 from pipeline.pictures.decimation import Mesh
 from pipeline.pictures.table_scene import SPONGE_COLOUR
+from pipeline.plan.playback import COLOURS as OBJECT_COLOURS
 from pipeline.records.objects import PreparedObject
 from pipeline.records.poses import inverse_pose, pose_matrix, transform_points
 from pipeline.records.reconstructions import ReconstructedObject

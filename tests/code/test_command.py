@@ -8,9 +8,9 @@ import pytest
 import yaml
 
 from pipeline.code.unseen import unseen
-from pipeline.compute.code import own_fingerprint
 from pipeline.records import paths
 from pipeline.records.errors import UserError
+from pipeline.stages.code import own_fingerprint
 
 ROOT = Path(__file__).resolve().parents[2]
 STAGES = """

@@ -9,7 +9,7 @@ from pathlib import Path
 from pipeline.compute.executor import Workers
 from pipeline.compute.pool import Calls, Work, run_all
 from pipeline.compute.shared import Shared
-from pipeline.records.seeds import item_generator
+from pipeline.stages.seeds import item_generator
 
 
 def draw(index: int) -> list[float]:

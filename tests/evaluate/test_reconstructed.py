@@ -16,7 +16,7 @@ from pipeline.records.errors import UserError
 from pipeline.records.objects import PreparedObject, write_mesh
 from pipeline.records.poses import inverse_pose, pose_matrix, transform_points
 from pipeline.records.reconstructions import ReconstructedObject, write_reconstruction
-from pipeline.records.solids import object_of_reconstruction
+from pipeline.shapes.solids import object_of_reconstruction
 
 
 def turned(yaw_degrees: float, position: list[float]) -> np.ndarray:

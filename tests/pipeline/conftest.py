@@ -169,7 +169,7 @@ def finished(repository, made_once) -> WorkingCopy:
 
 def _run_tiny(repository: Path, target: Path) -> None:
     copy = copy_of_sources(repository, target)
-    composed = copy.command(sys.executable, "-m", "pipeline.workspace.scales", "compose", "tiny")
+    composed = copy.command(sys.executable, "-m", "tools.scales", "compose", "tiny")
     assert composed.returncode == 0, composed.stderr
     copy.repro()
     copy.commit("Results")

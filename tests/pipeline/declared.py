@@ -56,7 +56,7 @@ class Stage:
 
     @property
     def module(self) -> str:
-        """The module that the command runs, such as `pipeline.merge.__main__` or `pipeline.train.sample`."""
+        """The module that the command runs, such as `pipeline.merge.__main__` or `pipeline.sample`."""
         match = re.search(r"python -m (pipeline\.\w+)(\.\w+)?(?: |$)", self.command)
         assert match, self.command
         return match[1] + (match[2] or ".__main__")

@@ -48,7 +48,7 @@ def sandbox(repository, tmp_path, fingerprints) -> WorkingCopy:
     """The code, the parameters of the repository, which a test may change, and nothing computed."""
     folder = tmp_path / "repository"
     (folder / "data/raw").mkdir(parents=True)
-    for name in ("pipeline", "dvc.yaml", "constraints.txt"):
+    for name in ("pipeline", "tools", "dvc.yaml", "constraints.txt"):
         (folder / name).symlink_to(repository / name)
     (folder / "code.yaml").write_text(fingerprints)
     shutil.copy(repository / "params.yaml", folder)

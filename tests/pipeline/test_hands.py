@@ -14,8 +14,8 @@ from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters, read_parameters
 from pipeline.records.parameters.hand import known_hands
 from pipeline.records.tables import CANDIDATES, VALIDATED, hand_of_table, of_hand, read_table, write_table
-from pipeline.workspace import scales
 from tests.pipeline.declared import declared_stages
+from tools import scales
 
 ROOT = Path(__file__).resolve().parents[2]
 AFTER_VALIDATION = [

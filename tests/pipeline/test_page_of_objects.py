@@ -24,7 +24,7 @@ def test_a_colleague_adds_an_object_and_computes_nothing_else(finished, workspac
     assert re.search(r"^(\./dev|dvc) repro validate@pinch$", page, re.MULTILINE)
     mug = tmp_path / "mug.stl"
     trimesh.creation.cylinder(radius=21, height=45).export(mug)
-    done = clone.command("python", "-m", "pipeline.workspace.add_object", str(mug), "--style", "pinch")
+    done = clone.command("python", "-m", "tools.add_object", str(mug), "--style", "pinch")
     assert done.returncode == 0, done.stderr
     assert "taken as mm" in done.stderr
     clone.dvc("add", "data/raw/mug.stl")

@@ -9,8 +9,8 @@ from pydantic import BaseModel
 
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import ObjectParameters, Parameters
-from pipeline.workspace import scales
-from pipeline.workspace.scales import flatten
+from tools import scales
+from tools.scales import flatten
 
 
 @pytest.fixture
@@ -39,7 +39,7 @@ def test_dvc_itself_composes_the_same(fresh):
     fresh.commit("One stage")
     fresh.dvc("exp", "run", "--set-param", "scale=tiny")
     by_dvc = yaml.safe_load((fresh / "params.yaml").read_text())
-    composed = fresh.command(sys.executable, "-m", "pipeline.workspace.scales", "compose", "tiny", "--force")
+    composed = fresh.command(sys.executable, "-m", "tools.scales", "compose", "tiny", "--force")
     assert composed.returncode == 0, composed.stderr
     assert yaml.safe_load((fresh / "params.yaml").read_text()) == by_dvc
 

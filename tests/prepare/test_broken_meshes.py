@@ -13,9 +13,9 @@ from hypothesis import HealthCheck, Phase, event, example, given, settings
 from hypothesis import strategies as st
 
 from pipeline.prepare import repair as repair_module
-from pipeline.prepare.distance_grid import ray_scene
 from pipeline.prepare.repair import repair
 from pipeline.records.errors import UserError
+from pipeline.shapes.distance_grid import ray_scene
 
 Mesh = tuple[np.ndarray, np.ndarray]
 CELLS = 48  # of the wrap, which follows a surface to about one cell

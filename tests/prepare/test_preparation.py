@@ -2,16 +2,16 @@ import numpy as np
 import pytest
 import trimesh
 
-from pipeline.prepare.distance_grid import distance_grid
-from pipeline.prepare.mass import solid_properties
 from pipeline.prepare.preparation import prepare_object
 from pipeline.prepare.recipes import box_mesh, cylinder_mesh
 from pipeline.prepare.sources import raw_mesh
-from pipeline.records.distance import signed_distance
 from pipeline.records.errors import UserError
 from pipeline.records.objects import read_prepared_object, write_prepared_object
 from pipeline.records.parameters.objects import MeshParameters, ObjectParameters
 from pipeline.records.parameters.prepare import PrepareParameters
+from pipeline.shapes.distance_field import signed_distance
+from pipeline.shapes.distance_grid import distance_grid
+from pipeline.shapes.mass import solid_properties
 
 COARSE = PrepareParameters(distance_cells=48, surface_points=512)
 SHAPES = {

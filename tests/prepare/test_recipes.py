@@ -6,9 +6,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from pipeline.prepare.convex_parts import convex_hull
-from pipeline.prepare.frame import canonical_vertices
-from pipeline.prepare.mass import solid_properties
 from pipeline.prepare.preparation import SMALLEST_MARGIN, SMALLEST_TIP_ANGLE
 from pipeline.prepare.recipes import recipe_mesh
 from pipeline.prepare.recipes_toys import blended
@@ -18,7 +15,10 @@ from pipeline.prepare.resting import stance
 from pipeline.prepare.sources import raw_mesh
 from pipeline.records.parameters import read_parameters
 from pipeline.records.parameters.objects import ObjectParameters
-from pipeline.workspace import scales
+from pipeline.shapes.convex_parts import convex_hull
+from pipeline.shapes.frame import canonical_vertices
+from pipeline.shapes.mass import solid_properties
+from tools import scales
 
 # Published simulation meshes: extents with +z up, mm, and volume, cm3. The bunny's are of its synthesis mesh, which is
 # up to 1.3 mm larger than the simulation mesh; the train's volume counts the overlaps of its bodies twice.

@@ -55,11 +55,11 @@ def test_python_s_finder_finds_the_same(repository):
     assert set(closure(repository.root, ["pipeline.grow.__main__"]).modules) == expected
 
 
-MAKERS = ("pipeline.provenance", "pipeline.compute.code")
+MAKERS = ("pipeline.provenance", "pipeline.stages.code")
 COMMANDS = [
     "pipeline.prepare.__main__",
     "pipeline.merge.__main__",
-    "pipeline.train.sample",
+    "pipeline.sample",
     "pipeline.reconstruct.__main__",
 ]
 
@@ -79,7 +79,7 @@ def test_all_modules_of_a_real_closure_load_no_others():
     loaded = loaded_by_python(sorted(found - {"pipeline.capture.__main__"}))
     # One that a closure leaves out by design, with what it alone imports.
     assert {
-        name for name in loaded - found if not name.startswith(("pipeline.compute.code", "pipeline.provenance"))
+        name for name in loaded - found if not name.startswith(("pipeline.stages.code", "pipeline.provenance"))
     } == set()
 
 

@@ -8,7 +8,7 @@ from PIL import Image, ImageFilter
 
 from pipeline.reconstruct.inspection import layout_sentences
 from pipeline.records.captures import read_capture
-from pipeline.workspace.captures import main
+from tools.captures import main
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.capture.sheet import tag_sheet
 from pipeline.records.errors import UserError
-from pipeline.workspace.captures import main
+from tools.captures import main
 
 PER_POINT = 4  # pixels
 

@@ -7,7 +7,7 @@ from pipeline.reconstruct.tags import check_sightings, detect_tags, locate, loca
 from pipeline.records.captures import Intrinsics, read_capture, read_truth
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import read_parameters
-from pipeline.records.seeds import item_generator
+from pipeline.stages.seeds import item_generator
 
 
 @pytest.fixture(scope="module")

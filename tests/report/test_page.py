@@ -452,7 +452,7 @@ def test_picture_files_are_the_same_every_time(content):
 def test_strips_name_the_outcome(content):
     success, failure, *others = content.views[0].strips
     assert [strip.source for strip in others] == ["learned", "learned", "reconstructed", "reconstructed"]
-    for strip in content.views[0].strips:  # as pipeline.evaluate.replay takes it
+    for strip in content.views[0].strips:  # as pipeline.replay takes it
         assert re.fullmatch(rf"\./dev replay {strip.source}/cube/\w+/\d+", strip.replay), strip.replay
     number = re.match(r"Trial (\d+),", success.title)
     assert number and success.replay.endswith(f"/{number[1]}") and success.replay in build_page(content, "")

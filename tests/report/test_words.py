@@ -15,7 +15,7 @@ from pipeline.synthesize import candidates
 from pipeline.synthesize.scoring import first_failures
 from pipeline.validate import table
 from pipeline.validate.grasp_test import check_candidate
-from pipeline.workspace.scales import flatten
+from tools.scales import flatten
 
 NO_CHECKS = {"rejected_by", "early_rejection", "merged_id", "MERGED", "records.tables.TRIALS"}
 

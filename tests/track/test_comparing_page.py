@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from pipeline.records.parameters import read_parameters
-from pipeline.workspace.scales import flatten
+from tools.scales import flatten
 
 
 def experiments(repository):

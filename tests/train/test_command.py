@@ -15,8 +15,8 @@ from pipeline.records import paths
 from pipeline.records.objects import write_prepared_object
 from pipeline.records.reconstructions import ReconstructedObject, write_reconstruction
 from pipeline.records.tables import MERGED, read_table, write_table
+from pipeline.sample import __main__ as sample
 from pipeline.train import __main__ as stage
-from pipeline.train import sample
 from tests.train.conftest import FIRSTS, SECONDS
 
 CAPTURE = "shown"

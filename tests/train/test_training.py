@@ -4,9 +4,9 @@ import json
 import pytest
 import torch
 
+from pipeline.model.checkpoint import read_checkpoint, write_checkpoint
 from pipeline.records.errors import UserError
 from pipeline.train import training
-from pipeline.train.checkpoint import read_checkpoint, write_checkpoint
 from pipeline.train.data import gather_examples
 
 

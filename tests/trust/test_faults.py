@@ -16,10 +16,10 @@ from pathlib import Path
 import pytest
 
 from pipeline.records.errors import UserError
-from pipeline.records.running import run_stage
 from pipeline.records.writing import whole_file, whole_folder
-from pipeline.workspace import check_cache, prune
+from pipeline.stages.running import run_stage
 from tests.trust.damage import by_hand
+from tools import check_cache, prune
 
 
 def names(folder: Path) -> list[str]:

@@ -17,9 +17,9 @@ from tests.trust.damage import damaged, edits, examples, valid_or_one_sentence
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory) -> Path:
     """A small checkpoint that was never trained."""
-    from pipeline.train.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
-    from pipeline.train.network import GraspModel
-    from pipeline.train.representation import Normalisation
+    from pipeline.model.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
+    from pipeline.model.network import GraspModel
+    from pipeline.model.representation import Normalisation
 
     encoder = EncoderParameters(points=16, clouds=1, centres=[8, 4, 2], neighbours=[4, 4, 2], widths=[4, 4, 4])
     denoiser = DenoiserParameters(width=8, blocks=1, slot_width=2)
@@ -36,7 +36,7 @@ def sound(tmp_path_factory) -> Path:
 @examples(15)
 @given(changes=edits)
 def test_damage(sound, tmp_path_factory, name, changes):
-    from pipeline.train.checkpoint import read_checkpoint
+    from pipeline.model.checkpoint import read_checkpoint
 
     folder = tmp_path_factory.mktemp("damaged") / "train"
     shutil.copytree(sound, folder)
@@ -59,7 +59,7 @@ def test_damage(sound, tmp_path_factory, name, changes):
     ],
 )
 def test_a_description_that_does_not_fit_is_refused_before_room_is_made(sound, tmp_path, path, value, word):
-    from pipeline.train.checkpoint import read_checkpoint
+    from pipeline.model.checkpoint import read_checkpoint
 
     folder = tmp_path / "train"
     shutil.copytree(sound, folder)
@@ -75,7 +75,7 @@ def test_a_description_that_does_not_fit_is_refused_before_room_is_made(sound, t
 def test_weights_that_are_no_numbers_are_refused(sound, tmp_path):
     from safetensors.torch import load_file, save_file
 
-    from pipeline.train.checkpoint import read_checkpoint
+    from pipeline.model.checkpoint import read_checkpoint
 
     folder = tmp_path / "train"
     shutil.copytree(sound, folder)

@@ -55,7 +55,7 @@ MESHES = ["box.obj", "box.stl", "stl_ascii.stl", "box.ply", "ascii.ply", "box.of
 @given(changes=edits)
 def test_meshes(place, meshes, name, changes):
     from pipeline.prepare.sources import load_triangles
-    from pipeline.train.own_objects import load_own_object
+    from pipeline.sample.own_objects import load_own_object
 
     source = place / name
     source.write_bytes(damaged(meshes[name], changes))
@@ -71,7 +71,7 @@ def test_meshes(place, meshes, name, changes):
 )
 def test_an_obj_of_no_points_or_of_foreign_corners(place, text):
     from pipeline.prepare.sources import load_triangles
-    from pipeline.train.own_objects import load_own_object
+    from pipeline.sample.own_objects import load_own_object
 
     source = place / "a.obj"
     source.write_text(text)
@@ -155,9 +155,9 @@ def merged_table(tmp_path_factory) -> bytes:
 @given(changes=edits)
 def test_tables_of_grasps(place, merged_table, changes):
     from pipeline.evaluate.grasps import accepted_grasps
-    from pipeline.evaluate.plan import Choice, _grasp
+    from pipeline.model.representation import grasps_of
+    from pipeline.plan.__main__ import Choice, _grasp
     from pipeline.share.project import WorkingFolder, read_columns
-    from pipeline.train.data import grasps_of
 
     source = place / "table.parquet"
     source.write_bytes(damaged(merged_table, changes))
@@ -171,7 +171,7 @@ def test_tables_of_grasps(place, merged_table, changes):
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory) -> bytes:
-    from pipeline.evaluate.recording import About, Recording, write_recording
+    from pipeline.replay.recording import About, Recording, write_recording
 
     target = tmp_path_factory.mktemp("recording") / "a.parquet"
     poses = np.zeros((2, 3, 7))
@@ -183,7 +183,7 @@ def recording(tmp_path_factory) -> bytes:
 @examples(20)
 @given(changes=edits)
 def test_recordings(place, recording, changes):
-    from pipeline.evaluate.recording import read_recording
+    from pipeline.replay.recording import read_recording
 
     source = place / "recording.parquet"
     source.write_bytes(damaged(recording, changes))
@@ -208,7 +208,7 @@ WRONG = {
 @pytest.mark.parametrize(("column", "value"), [(name, value) for name, values in WRONG.items() for value in values])
 def test_a_grasp_from_elsewhere_that_is_none_is_refused(place, column, value):
     """The columns are right, and what is in them is not."""
-    from pipeline.evaluate.plan import Choice, _grasp
+    from pipeline.plan.__main__ import Choice, _grasp
 
     source = place / "table.parquet"
     rows = merged_rows()

@@ -35,8 +35,8 @@ ALLOWED = {
         "pickle.loads",
     ): "what a stage and the Dask workers that it is told to use send each other",
     ("pipeline/compute/shared.py", "pickle.load"): "a folder that this very run made for its own workers, mode 0700",
-    ("pipeline/compute/unfinished.py", "pickle.loads"): "results that this very stage kept in data/.unfinished",
-    ("pipeline/compute/earlier.py", "yaml.load"): "with the safe loader",
+    ("pipeline/stages/unfinished.py", "pickle.loads"): "results that this very stage kept in data/.unfinished",
+    ("pipeline/stages/earlier.py", "yaml.load"): "with the safe loader",
     ("pipeline/train/training.py", "torch.load"): "weights_only: tensors and plain data; see the test below",
     ("pipeline/records/texts.py", "yaml.load"): "always with the safe loader or a class derived from it",
     ("pipeline/records/geometry.py", "trimesh.load"): "without a resolver: nothing but the bytes that are given",
@@ -120,7 +120,7 @@ def bomb(canary) -> bytes:
 
 def test_arrays_of_objects_are_refused(tmp_path, canary):
     from pipeline.reconstruct.normal_maps import read_normals
-    from pipeline.train.own_objects import load_own_object
+    from pipeline.sample.own_objects import load_own_object
 
     source = tmp_path / "cloud.npy"
     np.save(source, np.array([[Bomb(canary)] * 3] * 80, object), allow_pickle=True)
@@ -133,7 +133,7 @@ def test_arrays_of_objects_are_refused(tmp_path, canary):
 def test_a_checkpoint_that_is_a_pickle_is_refused(tmp_path, canary, bomb, kind):
     import torch
 
-    from pipeline.train.checkpoint import read_checkpoint
+    from pipeline.model.checkpoint import read_checkpoint
 
     (tmp_path / "model.json").write_text('{"format": 1}')
     weights = tmp_path / "model.safetensors"
@@ -195,8 +195,8 @@ def test_yaml_without_end_is_refused_at_once(tmp_path, text):
 
 
 def test_deeply_nested_json_is_refused(tmp_path):
+    from pipeline.model.checkpoint import read_checkpoint
     from pipeline.records.captures import read_truth
-    from pipeline.train.checkpoint import read_checkpoint
 
     deep = "[" * 20000
     (tmp_path / "model.json").write_text(deep)
@@ -247,7 +247,7 @@ def glb(header: dict) -> bytes:
 def test_a_mesh_leads_to_no_other_file(tmp_path):
     """A pipe that would be read from for ever stands for everything that a name could lead to."""
     from pipeline.prepare.sources import load_triangles
-    from pipeline.train.own_objects import load_own_object
+    from pipeline.sample.own_objects import load_own_object
 
     os.mkfifo(tmp_path / "pipe")
     triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n"
@@ -320,7 +320,7 @@ def test_a_scene_that_repeats_itself_without_end_is_refused(tmp_path):
 @pytest.mark.parametrize("name", ["mesh.zip", "mesh.gltf", "mesh.dae", "mesh.3mf", "mesh.tar.gz"])
 def test_formats_that_unpack_or_name_other_files_are_not_read(tmp_path, name):
     from pipeline.prepare.sources import check_file
-    from pipeline.train.own_objects import load_own_object
+    from pipeline.sample.own_objects import load_own_object
 
     source = tmp_path / name
     source.write_bytes(b"PK\x03\x04")
@@ -352,7 +352,7 @@ def test_a_picture_that_unpacks_to_any_size_is_refused(tmp_path):
 
 def test_an_array_that_claims_more_than_it_holds_is_refused(tmp_path):
     from pipeline.reconstruct.normal_maps import read_normals
-    from pipeline.train.own_objects import load_own_object
+    from pipeline.sample.own_objects import load_own_object
 
     source = tmp_path / "a.npy"
     text = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000, 3), }"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from pipeline.records.seeds import item_seed
+from pipeline.stages.seeds import item_seed
 
 PairsParameter = Literal["all"] | Annotated[int, Field(ge=1)] | list[tuple[str, str]]
 

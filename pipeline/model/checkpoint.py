@@ -1,0 +1,136 @@
+"""A trained model on disk: weights as safetensors, everything else that sampling needs as JSON.
+
+Layout of ``models/train/``::
+
+    model.safetensors   averaged weights, float32
+    model.json          architecture, process, normalisation, objects and pairs that it was trained on
+    history.csv         losses per recorded step
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from pipeline.model.representation import Normalisation
+from pipeline.records.errors import UserError
+from pipeline.records.parameters.train import DenoiserParameters, DiffusionParameters, EncoderParameters
+from pipeline.records.texts import parse_json
+from pipeline.records.writing import whole_folder, write_json
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from pipeline.model.network import GraspModel
+
+FORMAT = 1  # raised when older checkpoints can no longer be read
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A trained model; ``weights`` are those of :class:`pipeline.model.network.GraspModel`."""
+
+    encoder: EncoderParameters
+    denoiser: DenoiserParameters
+    diffusion: DiffusionParameters
+    normalisation: Normalisation
+    pairs: tuple[tuple[str, str], ...]  # trained together
+    held_out: dict[str, list[int]]  # "pinch.cube" -> single grasps that no training example has a part in
+    weights: dict[str, Tensor]
+
+    def model(self, device: str = "cpu") -> GraspModel:
+        """Return the network, ready to predict."""
+        from pipeline.model.network import GraspModel
+
+        model = GraspModel(self.encoder, self.denoiser)
+        model.load_state_dict(self.weights)
+        return model.to(device).eval().requires_grad_(False)
+
+
+def write_checkpoint(folder: Path, checkpoint: Checkpoint, history: list[dict[str, float]]) -> None:
+    """Write a checkpoint and the losses on the way to it, whole or not at all.
+
+    Raises:
+        UserError: the folder cannot be written to.
+    """
+    from safetensors.torch import save_file
+
+    config: dict[str, Any] = {
+        "format": FORMAT,
+        "encoder": checkpoint.encoder.model_dump(),
+        "denoiser": checkpoint.denoiser.model_dump(),
+        "diffusion": checkpoint.diffusion.model_dump(),
+        "normalisation": {
+            "mean": checkpoint.normalisation.mean.tolist(),
+            "deviation": checkpoint.normalisation.deviation.tolist(),
+        },
+        "held_out": checkpoint.held_out,
+        "pairs": [list(pair) for pair in checkpoint.pairs],
+    }
+    with whole_folder(folder) as temporary:
+        save_file(
+            {name: value.contiguous() for name, value in checkpoint.weights.items()}, temporary / "model.safetensors"
+        )
+        write_json(temporary / "model.json", config)
+        pd.DataFrame(history).to_csv(temporary / "history.csv", index=False, float_format="%.8g")
+
+
+def _check(checkpoint: Checkpoint) -> None:
+    """Check that the weights are those of the network described, before room is made for it, and that all is finite.
+
+    Raises:
+        ValueError: they are not.
+    """
+    import torch
+
+    from pipeline.model.network import GraspModel
+
+    with torch.device("meta"):
+        wanted = GraspModel(checkpoint.encoder, checkpoint.denoiser).state_dict()
+    if {name: value.shape for name, value in wanted.items()} != {
+        name: value.shape for name, value in checkpoint.weights.items()
+    }:
+        raise ValueError("its weights are not those of the network that it describes")
+    numbers = [checkpoint.normalisation.mean, checkpoint.normalisation.deviation]
+    if not all(np.isfinite(array).all() for array in numbers):
+        raise ValueError("its normalisation is not finite")
+    if not all(bool(torch.isfinite(value).all()) for value in checkpoint.weights.values()):
+        raise ValueError("its weights are not finite")
+    checkpoint.model()
+
+
+def read_checkpoint(folder: Path) -> Checkpoint:
+    """Read what :func:`write_checkpoint` wrote.
+
+    Raises:
+        UserError: the folder is missing, damaged, or of another format.
+    """
+    from safetensors import SafetensorError
+    from safetensors.torch import load_file
+
+    mend = "run `dvc repro train` to make it again"
+    try:
+        config = parse_json((folder / "model.json").read_text())
+        if config["format"] != FORMAT:
+            raise UserError(f"{folder} was written by another version (format {config['format']}); {mend}.")
+        checkpoint = Checkpoint(
+            encoder=EncoderParameters.model_validate(config["encoder"]),
+            denoiser=DenoiserParameters.model_validate(config["denoiser"]),
+            diffusion=DiffusionParameters.model_validate(config["diffusion"]),
+            normalisation=Normalisation(
+                np.array(config["normalisation"]["mean"]), np.array(config["normalisation"]["deviation"])
+            ),
+            pairs=tuple((first, second) for first, second in config["pairs"]),
+            held_out={name: [int(index) for index in own] for name, own in config["held_out"].items()},
+            weights=load_file(folder / "model.safetensors"),
+        )
+        _check(checkpoint)
+    except FileNotFoundError as error:
+        raise UserError(f"{error.filename or folder} is missing; {mend}.") from error
+    except (ValueError, TypeError, LookupError, AttributeError, MemoryError, RuntimeError, SafetensorError) as error:
+        raise UserError(f"{folder} is damaged ({' '.join(str(error).split())[:120]}); delete it and {mend}.") from error
+    return checkpoint

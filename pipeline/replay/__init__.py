@@ -1,0 +1,1 @@
+"""Runs a recorded trial again: compares it, plays it in a browser, writes a video."""

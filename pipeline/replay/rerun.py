@@ -1,0 +1,179 @@
+"""One trial of a table, run again alone, and compared with its row to the last bit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.evaluate.execution import Run
+from pipeline.evaluate.inputs import SOURCES, inputs_of_pair, pairs_of, sections
+from pipeline.evaluate.scene import placement_offsets
+from pipeline.evaluate.trial import TrialInput, run_trial
+from pipeline.records import paths
+from pipeline.records.errors import UserError
+from pipeline.records.parameters import load_parameters
+from pipeline.records.tables import TRIALS, pair_rows, read_table
+from pipeline.stages.seeds import item_generator
+
+EXAMPLE = "synthesized/cube/soup_can/3"
+
+
+@dataclass(frozen=True, order=True)
+class TrialName:
+    """What names one row of the tables of trials; written ``source/first/second/number``."""
+
+    source: str
+    first: str
+    second: str
+    number: int
+
+    def __str__(self) -> str:
+        return f"{self.source}/{self.first}/{self.second}/{self.number}"
+
+    @property
+    def table(self) -> Path:
+        """The file that holds the row."""
+        return paths.trials_file(self.source, self.first)
+
+    @property
+    def stage(self) -> str:
+        """The DVC stage that writes it."""
+        return f"evaluate@{self.source}"
+
+
+def trial_name(text: str) -> TrialName:
+    """Read ``source/first/second/number``.
+
+    Raises:
+        UserError: the text names no trial.
+    """
+    parts = text.split("/")
+    if len(parts) != 4 or not parts[3].isdecimal():
+        raise UserError(
+            f"{text!r} names no trial; write source, both objects and the trial's number, such as {EXAMPLE}."
+        )
+    if parts[0] not in SOURCES:
+        raise UserError(f"{text!r}: there is no source {parts[0]!r}; use one of {', '.join(sorted(SOURCES))}.")
+    return TrialName(parts[0], parts[1], parts[2], int(parts[3]))
+
+
+def recorded_row(name: TrialName) -> dict[str, Any]:
+    """Return the row of a trial.
+
+    Raises:
+        UserError: the table is missing or damaged, or has no such row.
+    """
+    rows = read_table(name.table, TRIALS, name.stage)
+    pair = pair_rows(rows, name.second)
+    if pair.empty:
+        known = ", ".join(dict.fromkeys(rows["object1"]))
+        raise UserError(
+            f"{name.table} has no trials of {name.first} and {name.second}; its second objects are {known}."
+        )
+    own = pair[pair["trial"] == name.number]
+    if own.empty:
+        numbers = f"{pair['trial'].min()} to {pair['trial'].max()}"
+        raise UserError(f"{name.table} has no trial {name.number} of this pair; its trials are {numbers}.")
+    return {str(column): value for column, value in own.iloc[0].items()}
+
+
+def input_of_trial(name: TrialName, recorded: Mapping[str, Any]) -> TrialInput:
+    """Return what the trial depends on, made as the stage makes it, from params.yaml and the tables of grasps.
+
+    Raises:
+        UserError: an input is missing, or is seen to be another than that of the row.
+    """
+    parameters = load_parameters(sections(name.source))
+    if name.second not in pairs_of(name.source, parameters).get(name.first, ()):
+        raise UserError(f"params.yaml does not name the pair {name.first} and {name.second} any more; add it again.")
+    again = f"undo the change, or run `dvc repro {name.stage}` for a new table"
+    inputs = inputs_of_pair(name.source, name.first, name.second, parameters)
+    if name.number >= len(inputs):
+        raise UserError(
+            f"{name.table} has trial {name.number}, but evaluate.trials in params.yaml is {len(inputs)} now; {again}."
+        )
+    own = inputs[name.number]
+    if own.seed != recorded["seed"]:
+        raise UserError(
+            f"{name.table} was made with another `seed` in params.yaml (this trial: {recorded['seed']}, now "
+            f"{own.seed}); {again}."
+        )
+    offsets = placement_offsets(own.settings, np.random.Generator(np.random.PCG64(own.seed)))
+    if any(not np.array_equal(offset, recorded[f"offset{index}"]) for index, offset in enumerate(offsets)):
+        raise UserError(
+            f"{name.table} was made with another evaluate.perturbation or evaluate.yaw_perturbation in params.yaml;"
+            f" {again}."
+        )
+    tried = [grasp.merged_id for grasp in own.grasps]
+    if recorded["merged_id"] >= 0 and recorded["merged_id"] not in tried:
+        raise UserError(
+            f"the grasps of the pair or evaluate.planning_attempts have changed since {name.table} was made: the trial "
+            f"used grasp {recorded['merged_id']} and would now try {', '.join(map(str, tried)) or 'none'}; {again}."
+        )
+    return own
+
+
+def run_again(
+    name: TrialName, watch: Callable[[Run], None] | None = None
+) -> tuple[TrialInput, dict[str, Any], list[str]]:
+    """Run a trial alone; return its inputs, its row, and the columns in which it differs from the recorded row.
+
+    Raises:
+        UserError: see :func:`recorded_row` and :func:`input_of_trial`.
+    """
+    recorded = recorded_row(name)
+    inputs = input_of_trial(name, recorded)
+    row = run_trial(inputs, watch)
+    return inputs, row, differing_columns(recorded, row)
+
+
+def differences(name: TrialName) -> list[str]:
+    """Run a trial alone and return the columns in which it differs from its row."""
+    return run_again(name)[2]
+
+
+def differing_columns(recorded: Mapping[str, Any], row: Mapping[str, Any]) -> list[str]:
+    """Return the columns in which two rows would not be the same bytes in the table."""
+    return [column for column in TRIALS.names if _exact(recorded[column], column) != _exact(row[column], column)]
+
+
+def _exact(value: Any, column: str) -> Any:
+    """Return a value as the table holds it, with floats as text that tells all their bits."""
+    import pyarrow as pa
+
+    return _with_all_bits(pa.array([value], type=TRIALS.field(column).type, from_pandas=True).to_pylist()[0])
+
+
+def _with_all_bits(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_with_all_bits(part) for part in value]
+    return value.hex() if isinstance(value, float) else value
+
+
+def known_trials() -> list[TrialName]:
+    """Return all trials of all tables, in order.
+
+    Raises:
+        UserError: there are none, or a table is damaged.
+    """
+    found = []
+    for source in SOURCES:
+        for file in sorted(paths.trials_file(source, "x").parent.glob("*.parquet")):
+            rows = read_table(file, TRIALS, f"evaluate@{source}")
+            found += [
+                TrialName(source, first, second, int(number))
+                for first, second, number in zip(rows["object0"], rows["object1"], rows["trial"], strict=True)
+            ]
+    if not found:
+        raise UserError("there are no tables of trials under data/evaluate; run `dvc repro` to make them.")
+    return sorted(found)
+
+
+def drawn_trials(known: Sequence[TrialName], count: int, draw: int) -> list[TrialName]:
+    """Return ``count`` of the trials (or all, if there are fewer), chosen at random by the number ``draw``."""
+    order = item_generator(draw, "replay").permutation(len(known))[:count]
+    return [known[index] for index in order]

@@ -1,0 +1,1 @@
+"""Stage sample: grasps drawn from the model, refined, ranked and checked."""

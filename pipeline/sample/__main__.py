@@ -1,0 +1,300 @@
+"""Two-object grasps from the trained model.
+
+`python -m pipeline.sample --source learned` brings those of all pairs of params.yaml up to date, `--object cube`
+draws those of the pairs that begin with one object by hand: ``data/sample/learned/<object>.parquet``, tables like those
+of ``merge``, and ``quality.json``.
+
+`--source reconstructed` draws them for objects as photos show them, the pairs under ``reconstructed`` in params.yaml.
+It knows nothing else of the objects, and writes ``data/sample/reconstructed`` in the frames of the reconstructions.
+
+`python -m pipeline.sample --object0 FILE --object1 FILE -n 25` draws them for two objects of your own, meshes or
+point clouds in metres, and writes grasps.parquet, grasps.json and grasps.html.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pipeline.records import paths
+from pipeline.records.digests import digest, file_digest, folder_digest, hand_digest, prepared_digest
+from pipeline.records.errors import UserError
+from pipeline.records.parameters import load_pairs, load_parameters, read_parameters
+from pipeline.records.parameters.hand import ALLEGRO
+from pipeline.stages.code import own_fingerprint
+from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
+from pipeline.stages.outputs import TablesWithFigures
+from pipeline.stages.running import run_stage
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from pipeline.compute.pool import Work
+    from pipeline.model.checkpoint import Checkpoint
+    from pipeline.records.objects import PreparedObject
+    from pipeline.sample.proposals import Drawn
+
+
+def sections(source: str = "learned") -> list[str]:
+    """Return the sections of ``params.yaml`` that ``sample@<source>`` depends on."""
+    synthesis = ["synthesize.energy", "synthesize.pinch", "synthesize.side"]
+    pairs = ["reconstructed"] if source == paths.RECONSTRUCTED else ["styles", "pairs"]
+    return ["seed", *pairs, "train.sampling", *synthesis, "merge", "physics", "validate"]
+
+
+def sample(source: str, only: str) -> None:
+    """Draw grasps for the pairs of a source that are not up to date, or for those of one first object by hand.
+
+    Raises:
+        UserError: an input is missing or damaged, or params.yaml does not name the object for this source.
+    """
+    parameters = load_parameters(sections(source))
+    workers = read_parameters().compute
+    seen = _Reconstructions(parameters["reconstructed"], only) if source == paths.RECONSTRUCTED else _Prepared(only)
+
+    from pipeline.compute.shared import Shared
+    from pipeline.model.checkpoint import read_checkpoint
+    from pipeline.records.tables import MERGED
+    from pipeline.sample.proposals import Model, sampling
+    from pipeline.stages.seeds import item_seed
+
+    checkpoint = read_checkpoint(paths.MODEL_FOLDER)
+    output = TablesWithFigures(paths.sampled_file(source, "").parent, MERGED, ("object1",))
+    stage = Stage(f"sample@{source}", "pairs", output)
+
+    with Shared(Model(checkpoint)) as model:
+
+        def work(key: str, keep: Keep) -> Work[None]:
+            first, second = key.split("/")
+            seed = item_seed(parameters["seed"], "train", seen.identity, first, second) % 2**31
+            objects = seen.objects(first, second)
+            points = (objects[0].surface_points, objects[1].surface_points)
+            table, drawn, figures = yield from sampling(model, _task(parameters, objects, points, seed))
+            if source != paths.RECONSTRUCTED:
+                figures |= _against_known(checkpoint, (first, second), _merged(first, second), drawn)
+            keep(key, (output.rows(table), figures))
+            print(f"{first} then {second}, {source}: {len(_accepted(table))} accepted of {len(table)} tried")
+
+        def begin(keys: Sequence[str], keep: Keep) -> list[tuple[str, Any]]:
+            return [(key, partial(work, key, keep)) for key in keys]
+
+        keys = [(first, second) for first, seconds in seen.pairs.items() for second in seconds]
+        if only:
+            make_by_hand(stage, ["/".join(key) for key in keys], begin, workers)
+            return
+        values = [parameters[name] for name in sections(source) if name not in ("styles", "pairs", "reconstructed")]
+        files = [file_digest(paths.MODEL_FOLDER / name, "train") for name in ("model.json", "model.safetensors")]
+        common = digest(own_fingerprint("sample"), source, values, files, hand_digest(ALLEGRO))
+        fingerprints = {"/".join(key): digest(common, key, seen.digest(*key)) for key in keys}
+        make_items(stage, fingerprints, begin, workers)
+
+
+class _Prepared:
+    """Pairs of prepared objects, whose surface the model sees."""
+
+    identity = "sample"  # what the seed of a pair depends on
+
+    def __init__(self, only: str) -> None:
+        self.pairs = load_pairs(only)
+
+    def objects(self, first: str, second: str) -> tuple[PreparedObject, PreparedObject]:
+        """Return the objects of a pair."""
+        return _prepared(first), _prepared(second)
+
+    def digest(self, first: str, second: str) -> str:
+        """Return the digest of what the grasps of a pair depend on."""
+        from pipeline.records.tables import MERGED, arrow_table
+
+        merged = arrow_table(_merged(first, second), MERGED)
+        return digest(prepared_digest(first), prepared_digest(second), merged)
+
+
+class _Reconstructions:
+    """Pairs of objects of which the model sees what photos show, and knows nothing else."""
+
+    identity = paths.RECONSTRUCTED
+
+    def __init__(self, chosen: dict[str, Any], only: str) -> None:
+        if only and only not in chosen:
+            raise UserError(f"params.yaml: there is no object {only!r} under `reconstructed`; add it there.")
+        self._captures = {first: item.capture for first, item in chosen.items()}
+        self.pairs = {first: tuple(item.side) for first, item in chosen.items() if only in ("", first)}
+
+    def objects(self, first: str, second: str) -> tuple[PreparedObject, PreparedObject]:
+        """Return the objects of a pair."""
+        capture = self._captures[first]
+        return _reconstructed(capture, first), _reconstructed(capture, second)
+
+    def digest(self, first: str, second: str) -> str:
+        """Return the digest of what the grasps of a pair depend on."""
+        folder = paths.reconstruction_folder(self._captures[first]) / "objects"
+        return digest([folder_digest(folder / name, "reconstruct") for name in (first, second)])
+
+
+@lru_cache(maxsize=16)
+def _prepared(name: str) -> PreparedObject:
+    from pipeline.records.objects import load_prepared_object
+
+    return load_prepared_object(name)
+
+
+@lru_cache(maxsize=16)
+def _reconstructed(capture: str, name: str) -> PreparedObject:
+    from pipeline.records.reconstructions import load_reconstructed_object
+    from pipeline.shapes.solids import object_of_reconstruction
+
+    return object_of_reconstruction(load_reconstructed_object(capture, name))
+
+
+@lru_cache(maxsize=2)
+def _table(first: str) -> pd.DataFrame:
+    from pipeline.records.tables import MERGED, read_table
+
+    return read_table(paths.merged_file(first), MERGED, "merge")
+
+
+def _merged(first: str, second: str) -> pd.DataFrame:
+    """Return the merged grasps of a pair."""
+    from pipeline.records.tables import pair_rows
+
+    return pair_rows(_table(first), second)
+
+
+def _against_known(checkpoint: Checkpoint, pair: tuple[str, str], merged: pd.DataFrame, drawn: Drawn) -> dict[str, Any]:
+    """Return whether the model was trained on a pair, and how near its samples come to grasps it has not seen.
+
+    Args:
+        merged: the pair's table of ``merge``.
+    """
+    import numpy as np
+
+    from pipeline.model.held_out import unseen_rows
+    from pipeline.model.representation import grasps_of
+    from pipeline.sample.quality import nearest_samples
+
+    known = merged[merged["rejected_by"] == ""]
+    trained = pair in checkpoint.pairs
+    unseen = unseen_rows(known, checkpoint.held_out) if trained else np.ones(len(known), dtype=bool)
+    held_out, seen = known[unseen], known[~unseen][: len(drawn.ranked.grasps)]
+    return {
+        "trained": trained,
+        "held_out": nearest_samples(grasps_of(held_out), drawn.ranked.grasps) if len(held_out) else {},
+        # What as many grasps to learn from cover: no set of that size can be expected to do much better.
+        "held_out_by_training": (
+            nearest_samples(grasps_of(held_out), grasps_of(seen)) if len(held_out) and len(seen) else {}
+        ),
+    }
+
+
+def _accepted(table: Any) -> Any:
+    """Return the places in the ranking of the accepted rows of a table."""
+    return table.loc[table["rejected_by"] == "", "merged_id"].to_numpy(dtype="int64")
+
+
+def _task(parameters: dict[str, Any], objects: Any, points: Any, seed: int) -> Any:
+    from pipeline.pairing.combination import Pair
+    from pipeline.sample.proposals import Task
+
+    return Task(
+        pair=Pair(objects[0], objects[1], parameters["merge"], parameters["physics"], parameters["validate"]),
+        points=points,
+        settings=parameters["train.sampling"],
+        energy=parameters["synthesize.energy"],
+        styles=(parameters["synthesize.pinch"], parameters["synthesize.side"]),
+        seed=seed,
+    )
+
+
+def sample_own(sources: tuple[Path, Path], count: int, output: Path) -> None:
+    """Draw ``count`` grasps of two objects of the user's own and write them, ranked, in the frames of their files.
+
+    Raises:
+        UserError: a file cannot be used, or there is no trained model.
+    """
+    parameters = load_parameters(sections())
+    workers = read_parameters().compute
+
+    from time import perf_counter
+
+    from pipeline.energy.scene import compile_kernels
+    from pipeline.model.checkpoint import read_checkpoint
+    from pipeline.records.tables import MERGED, write_table
+    from pipeline.records.writing import whole_file, write_json
+    from pipeline.sample.own_objects import load_own_object
+    from pipeline.sample.proposals import check_grasps, draw_grasps, in_frames_of_files, pair_energy
+    from pipeline.sample.view import grasp_page
+
+    (first, points0, centre0), (second, points1, centre1) = (load_own_object(source) for source in sources)
+    checkpoint = read_checkpoint(paths.MODEL_FOLDER)
+    model = checkpoint.model()
+    settings = parameters["train.sampling"]
+    enough = {"grasps": count, "draws": max(settings.draws, 2 * count)}
+    parameters["train.sampling"] = settings.model_copy(update=enough)
+    task = _task(parameters, (first, second), (points0, points1), parameters["seed"])
+    energy = pair_energy(task)
+    compile_kernels()
+    begin = perf_counter()
+    drawn = draw_grasps(checkpoint, model, task, energy)
+    ranked = perf_counter()
+    table = check_grasps(task, drawn, workers)
+    accepted = table[table["rejected_by"] == ""]
+    print(
+        f"{enough['draws']} samples drawn and ranked in {ranked - begin:.1f} s; {len(accepted)} accepted of "
+        f"{len(table)} checked in {perf_counter() - ranked:.1f} s"
+    )
+    if accepted.empty:
+        raise UserError(
+            f"none of {len(table)} samples passed the checks (first: {table['rejected_by'].iloc[0]}); try a larger -n, "
+            "or `train.sampling.check: false` in params.yaml to see them all the same."
+        )
+    rows = accepted.to_dict("records")
+    with whole_file(output / "grasps.html") as temporary:
+        temporary.write_text(grasp_page(rows, (first, second)), encoding="utf-8")
+    own_frames = in_frames_of_files(accepted, centre0, centre1)
+    write_table(output / "grasps.parquet", own_frames, MERGED)
+    own = [{name: plain(value) for name, value in row.items()} for row in own_frames.to_dict("records")]
+    write_json(output / "grasps.json", own)
+    print(f"wrote grasps.parquet, grasps.json and grasps.html to {output}")
+
+
+def plain(value: Any) -> Any:
+    """Return a cell of a table as JSON knows it."""
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command."""
+    parser = argparse.ArgumentParser(
+        prog="python -m pipeline.sample",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--object", default="", help="the object that is picked first, a name in params.yaml")
+    parser.add_argument(
+        "--source", choices=["learned", paths.RECONSTRUCTED], help="what the model sees of the objects of params.yaml"
+    )
+    parser.add_argument("--object0", type=Path, help="file of the object that is pinched, metres, z up")
+    parser.add_argument("--object1", type=Path, help="file of the object that ring finger and palm hold")
+    parser.add_argument("-n", type=int, default=25, help="grasps wanted (default: %(default)s)")
+    parser.add_argument("--output", type=Path, default=Path("grasps"), help="folder to write to (default: %(default)s)")
+    chosen = parser.parse_args(arguments)
+    if chosen.source:
+        return run_stage(f"sample@{chosen.source}", lambda: sample(chosen.source, chosen.object))
+    if chosen.object:
+        parser.error("give --object with --source learned or --source reconstructed")
+    if not (chosen.object0 and chosen.object1) or chosen.n < 1:
+        parser.error("give --source NAME, or --object0 FILE and --object1 FILE, and -n of at least 1")
+    try:
+        sample_own((chosen.object0, chosen.object1), chosen.n, chosen.output)
+    except UserError as error:
+        print(f"sample: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,63 @@
+"""What a robot needs besides hand and objects: how hard the fingers press, how they open, where the hand comes from.
+
+A sample is split into a pinch grasp and a side grasp, as if both came from validation; from there on it goes the way of
+any combination of two grasps.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.hand.allegro import EXTENDED_FINGER, RING_JOINTS, Hand
+from pipeline.hand.approach import choose_approach
+from pipeline.hand.moves import squeeze_joints
+from pipeline.pairing.grasps import SingleGrasp
+from pipeline.records.objects import PreparedObject
+from pipeline.records.parameters.validate import ValidateParameters
+from pipeline.records.poses import inverse_pose
+from pipeline.sample.contacts import Contacts
+
+
+def single_grasps(
+    hand: Hand,
+    objects: tuple[PreparedObject, PreparedObject],
+    T_hand_object: NDArray[np.float64],
+    q: NDArray[np.float64],
+    contacts: tuple[Contacts, Contacts],
+    index: int,
+    limits: ValidateParameters,
+) -> tuple[SingleGrasp, SingleGrasp]:
+    """Return the two halves of one sample.
+
+    Args:
+        T_hand_object: (2, 4, 4).
+        q: (16,) rad.
+        index: row of the sample in ``contacts``; becomes the ``grasp_id``.
+    """
+    halves = []
+    for slot, style in enumerate(("pinch", "side")):
+        own = contacts[slot]
+        fingers, candidates = own.fingers[index], own.candidates[index]
+        inward = -own.normals[index] @ T_hand_object[slot, :3, :3].T
+        posture = q.copy()
+        if style == "pinch":  # while the hand comes to object 0, nothing is in the ring finger yet
+            posture[RING_JOINTS] = EXTENDED_FINGER
+        T_object_hand = inverse_pose(T_hand_object[slot])
+        opening = limits.pinch_opening if style == "pinch" else limits.side_opening
+        approach = choose_approach(
+            hand, objects[slot], T_object_hand, posture, style, candidates, opening, [limits.approach_length]
+        )
+        halves.append(
+            SingleGrasp(
+                grasp_id=index,
+                fingers=fingers,
+                T_object_hand=T_object_hand,
+                contact_candidates=candidates,
+                q=posture,
+                squeeze_q=squeeze_joints(hand, posture, candidates, inward, limits.squeeze_advance, list(fingers)),
+                open_q=approach.open_q,
+                approach_direction=approach.direction,
+            )
+        )
+    return halves[0], halves[1]

@@ -1,0 +1,130 @@
+"""Items of a stage: only those are computed that were not made before with the same fingerprint.
+
+An item is what a stage computes independently of others: an object, an object in a style, a pair, a trial, a capture.
+Its fingerprint stands for everything that its result depends on: code, parameters, bytes of inputs, seed. Results of an
+earlier run are taken from DVC's cache (:mod:`pipeline.stages.earlier`), those of an interrupted run from where it kept
+them (:mod:`pipeline.stages.unfinished`). Either way the output has the bytes of a run from nothing.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from pipeline.compute.fan_out import Workers
+from pipeline.compute.pool import Work, run_all
+from pipeline.records import paths
+from pipeline.records.writing import check_writable, whole_folder, write_json
+from pipeline.stages.earlier import EarlierRun, earlier_runs
+from pipeline.stages.outputs import Output
+from pipeline.stages.unfinished import Unfinished, remove_finished
+
+RECOMPUTE = "RECOMPUTE"  # environment variable: when it is 1, every item is computed
+
+Keep = Callable[[str, Any], None]  # takes the key and the result of an item that is finished
+# From the keys of the items to compute to the work that computes them, each with its name.
+Begin = Callable[[Sequence[str], Keep], Sequence[tuple[str, Callable[[], Work]]]]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stage that computes items."""
+
+    name: str  # as in dvc.yaml, such as validate@pinch
+    nouns: str  # what its items are, such as objects
+    output: Output
+
+
+def all_wanted() -> bool:
+    """Return whether every item is to be computed, whatever was made before."""
+    return os.environ.get(RECOMPUTE) == "1"
+
+
+def make_items(stage: Stage, fingerprints: Mapping[str, str], begin: Begin, workers: Workers) -> None:
+    """Bring the output of a stage up to date.
+
+    Args:
+        fingerprints: of all items of the output, by key, in the order in which the output holds them.
+        begin: returns the work for some of them; the work calls ``keep`` for every item as it is finished. It starts in
+            this order, so what takes longest comes first.
+        workers: where the work runs.
+
+    Raises:
+        UserError: an item cannot be computed, or the output cannot be written.
+    """
+    index, unfinished = paths.items_file(stage.name), Unfinished(stage.name)
+    check_writable(stage.output.folder)
+    check_writable(index)
+    remove_finished()
+    everything = all_wanted()
+    if everything:
+        unfinished.clear()
+    earlier = {} if everything else _kept(stage, fingerprints, index)
+    done = {key for key, fingerprint in fingerprints.items() if key not in earlier and fingerprint in unfinished}
+    missing = [key for key in fingerprints if key not in earlier and key not in done]
+    print(
+        f"{stage.name}: {len(missing)} of {len(fingerprints)} {stage.nouns} to compute, {len(earlier)} kept"
+        + (f", {len(done)} finished by an interrupted run" if done else ""),
+        flush=True,
+    )
+
+    def keep(key: str, result: Any) -> None:
+        unfinished.keep(fingerprints[key], result)
+
+    def result(key: str) -> Any:
+        if key not in earlier:
+            return unfinished.result(fingerprints[key])
+        run, names = earlier[key]
+        return stage.output.read(key, names, lambda name: _present(run, name))
+
+    if missing:
+        run_all(begin(missing, keep), workers, stage.name, lambda name, nothing: None)
+    # Nothing is computed inside: an error in there is explained as one of writing.
+    with whole_folder(stage.output.folder) as folder:
+        stage.output.write(folder, list(fingerprints), result)
+    write_json(index, dict(fingerprints))
+    unfinished.finish(index)
+
+
+def _kept(stage: Stage, fingerprints: Mapping[str, str], index: Path) -> dict[str, tuple[EarlierRun, list[str]]]:
+    """Return, for every item that was made before, the run that made it and the files that hold its result."""
+    found: dict[str, tuple[EarlierRun, list[str]]] = {}
+    for run in earlier_runs(stage.name, stage.output.folder, index):
+        for key, fingerprint in fingerprints.items():
+            if key not in found and run.fingerprints.get(key) == fingerprint:
+                names = stage.output.files_of(key, run.files)
+                if names and all(run.file(name) for name in names):
+                    found[key] = run, names
+        if len(found) == len(fingerprints):
+            break
+    return found
+
+
+def _present(run: EarlierRun, name: str) -> Path:
+    path = run.file(name)
+    assert path is not None  # of the files that were found sound
+    return path
+
+
+def make_by_hand(stage: Stage, keys: Sequence[str], begin: Begin, workers: Workers) -> None:
+    """Compute some items, whatever was made before, and put them beside what the output holds already.
+
+    The index of items goes, as it no longer tells what the output holds: DVC makes both again before the next stage
+    that depends on them.
+    """
+    if not keys:
+        return
+    results: dict[str, Any] = {}
+    check_writable(stage.output.folder / keys[0].split("/")[0])
+    run_all(begin(keys, results.__setitem__), workers, stage.name, lambda name, nothing: None)
+    paths.items_file(stage.name).unlink(missing_ok=True)
+    with TemporaryDirectory(dir=stage.output.folder, prefix=".by_hand.", suffix=f".{os.getpid()}.tmp") as folder:
+        stage.output.write(Path(folder), keys, results.__getitem__)
+        for made in sorted(Path(folder).iterdir()):
+            stage.output.place(made, stage.output.folder / made.name)
+    print(f"{stage.name}: wrote {', '.join(keys)}", file=sys.stderr)

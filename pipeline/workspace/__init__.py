@@ -1,1 +1,0 @@
-"""What happens around the stages: composed scales, stray files, system libraries. No stage imports this."""

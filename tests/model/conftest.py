@@ -1,0 +1,3 @@
+"""The tiny model of the tests of training."""
+
+from tests.train.conftest import settings  # noqa: F401

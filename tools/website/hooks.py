@@ -1,0 +1,110 @@
+"""What mkdocs calls while it builds the site; ``mkdocs.yml`` names this file."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files, InclusionLevel
+from mkdocs.structure.pages import Page
+
+from pipeline.records.parameters import Parameters
+from tools.website import links, reference
+
+ROOT = Path(__file__).resolve().parents[2]
+ASSETS = ("iframe-worker.js", "website.css", "favicon.svg")
+
+
+def made_pages() -> dict[str, str]:
+    """Return the text of every page that is made of the code, by its name."""
+    pages = {
+        "reference/index.md": reference.index(ROOT),
+        "reference/commands.md": reference.commands(ROOT),
+        "reference/parameters.md": reference.parameters(Parameters),
+    }
+    rooms = reference.rooms(ROOT)
+    return pages | {f"reference/{room}.md": reference.room_page(room, modules) for room, modules in rooms.items()}
+
+
+def expanded(nav: Any, names: list[str]) -> Any:
+    """Return a navigation in which names with a ``*`` are replaced by the names that they fit, in their order."""
+    if isinstance(nav, dict):
+        return {title: expanded(entry, names) for title, entry in nav.items()}
+    if not isinstance(nav, list):
+        return nav
+    entries = []
+    for entry in nav:
+        if isinstance(entry, str) and "*" in entry:
+            entries += [name for name in names if Path(name).match(entry)]
+        else:
+            entries.append(expanded(entry, names))
+    return entries
+
+
+def on_config(config: MkDocsConfig) -> None:
+    """Fill in the navigation's patterns."""
+    written = sorted(str(path.relative_to(config.docs_dir)) for path in Path(config.docs_dir).rglob("*.md"))
+    config.nav = expanded(config.nav, [*written, *(f"reference/{room}.md" for room in reference.rooms(ROOT))])
+
+
+def linked_outside(origins: list[str]) -> dict[str, str]:
+    """Return files outside docs/ that pages link to, and those that these link to, by their names on the site."""
+    found: dict[str, str] = {}
+    waiting = list(origins)
+    while waiting:
+        origin = waiting.pop()
+        for target in links.targets((ROOT / origin).read_text(), origin):
+            page = links.page_of(target, ROOT) if (ROOT / target).exists() else ""
+            if page.startswith(links.OUTSIDE) and page not in found:
+                found[page] = target
+                waiting += [target] if target.endswith(".md") else []
+    return found
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the front page, the reference, the site's own assets, and what pages link to outside docs/."""
+    origins = [links.FRONT, *(links.DOCS + file.src_uri for file in files.documentation_pages() if written(file))]
+    files.append(File.generated(config, "index.md", content=(ROOT / links.FRONT).read_text()))
+    for name, text in made_pages().items():
+        files.append(File.generated(config, name, content=text))
+    for name in ASSETS:
+        files.append(File.generated(config, f"assets/{name}", abs_src_path=str(Path(__file__).with_name(name))))
+    for page, target in linked_outside(origins).items():
+        listing = links.listing(ROOT / target)
+        if listing is None:
+            file = File.generated(config, page, abs_src_path=str(ROOT / target))
+        else:
+            file = File.generated(config, page, content=listing)
+        file.inclusion = InclusionLevel.NOT_IN_NAV
+        files.append(file)
+    return files
+
+
+def written(file: File) -> bool:
+    """Whether a page is one of docs/, not made."""
+    return file.generated_by is None
+
+
+def origin_of(file: File) -> str | None:
+    """Return the file of the repository whose text a page shows; None for a page that is made."""
+    if written(file):
+        return links.DOCS + file.src_uri
+    if file.src_uri == "index.md":
+        return links.FRONT
+    outside = file.src_uri.removeprefix(links.OUTSIDE)
+    return outside if outside != file.src_uri and (ROOT / outside).is_file() else None
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Mend the links of a page whose text was written for the repository."""
+    origin = origin_of(page.file)
+    return markdown if origin is None else links.mended(markdown, origin, page.file.src_uri, ROOT)
+
+
+def on_page_content(content: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Let long names in tables go on in the next line, after a dot, slash or underscore."""
+    return re.sub(
+        r"(?<=<td><code>)[^<\s]{24,}(?=</code>)", lambda name: re.sub(r"(?<=[._/])(?=\w|&)", "<wbr>", name[0]), content
+    )
