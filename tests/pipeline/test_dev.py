@@ -221,7 +221,9 @@ def test_every_dependency_is_imported_somewhere(repository):
     }
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
     text = "\n".join(
-        path.read_text() for room in ("pipeline", "tools", "tests", "benchmarks") for path in (repository / room).rglob("*.py")
+        path.read_text()
+        for room in ("pipeline", "tools", "tests", "benchmarks")
+        for path in (repository / room).rglob("*.py")
     )
     for entry in [*project["dependencies"], *project["optional-dependencies"]["dev"]]:
         name = re.split(r"[<>=\[ ]", entry)[0]

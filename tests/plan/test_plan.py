@@ -13,14 +13,14 @@ import pandas as pd
 import pytest
 import yaml
 
-from pipeline.plan import __main__ as command
-from pipeline.plan.limits import ARM_LOWER, ARM_UPPER, ARM_VELOCITY, Waypoints, check_limits, weight_torques
-from pipeline.plan.playback import phases_of, play
-from pipeline.plan.proposal import StandingObject, Table, propose, squeeze_torque, waypoints_of
 from pipeline.evaluate.scene import START_ARM, START_HAND, placed
 from pipeline.evaluate.sequence import Phase
 from pipeline.hand.robot import ROBOT_JOINT_NAMES
 from pipeline.motion.arm_model import ARM_ACCELERATION, ArmModel
+from pipeline.plan import __main__ as command
+from pipeline.plan.limits import ARM_LOWER, ARM_UPPER, ARM_VELOCITY, Waypoints, check_limits, weight_torques
+from pipeline.plan.playback import phases_of, play
+from pipeline.plan.proposal import StandingObject, Table, propose, squeeze_torque, waypoints_of
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.objects import write_prepared_object

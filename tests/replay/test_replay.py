@@ -16,17 +16,9 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from pipeline.replay import __main__ as command
-from pipeline.replay import video
 from pipeline.evaluate.__main__ import evaluate
-from pipeline.replay.appearance import appearance, bodies_at, moving_poses
-from pipeline.replay.recording import MOMENTS, About, Recorder, Recording, read_recording, write_recording
-from pipeline.replay.rerun import TrialName, differing_columns, drawn_trials, known_trials, trial_name
-from pipeline.replay.sapien_camera import SapienCamera, why_unusable
 from pipeline.evaluate.scene import START_ARM, START_HAND
 from pipeline.evaluate.trial import run_trial
-from pipeline.replay.video import Film, drawn_moments, last_caption, shown_moments, write_video
-from pipeline.replay.viewer import Viewer
 from pipeline.physics.bodies import Body
 from pipeline.pictures.camera import look_at
 from pipeline.records import paths
@@ -34,6 +26,14 @@ from pipeline.records.errors import UserError
 from pipeline.records.objects import write_prepared_object
 from pipeline.records.poses import pose_matrix
 from pipeline.records.tables import MERGED, TRIALS, read_table, write_table
+from pipeline.replay import __main__ as command
+from pipeline.replay import video
+from pipeline.replay.appearance import appearance, bodies_at, moving_poses
+from pipeline.replay.recording import MOMENTS, About, Recorder, Recording, read_recording, write_recording
+from pipeline.replay.rerun import TrialName, differing_columns, drawn_trials, known_trials, trial_name
+from pipeline.replay.sapien_camera import SapienCamera, why_unusable
+from pipeline.replay.video import Film, drawn_moments, last_caption, shown_moments, write_video
+from pipeline.replay.viewer import Viewer
 
 NAME = "synthesized/cube/slender_cylinder/1"
 TABLE = Path("data/evaluate/synthesized/cube.parquet")
