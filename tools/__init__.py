@@ -1,1 +1,1 @@
-"""Commands around the pipeline: set-up, scales, objects and captures of one's own, publishing, audit, the site of the docs."""
+"""Commands around the pipeline: set-up, scales, own objects and captures, publishing, audit, the site of the docs."""
