@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.compute.warp import warp
 from pipeline.energy.keep_out import fingers_used, keep_out_points
-from pipeline.hand.model import Hand, load_hand
+from pipeline.hand.model import Hand
 from pipeline.hand.surface import hand_surface, mount_surface
 from pipeline.records.errors import UserError
 from pipeline.records.objects import PreparedObject
@@ -139,7 +139,7 @@ def hand_arrays(
         other_part += [part for part, other in enumerate(parts.link) if (link, int(other)) not in apart]
         link_other.append(len(other_part))
     spheres = [bounding_sphere(points[block]) for block in order]
-    mount = mount_surface() if with_mount else np.zeros((1, 3))
+    mount = mount_surface(hand) if with_mount else np.zeros((1, 3))
     mount_centre, mount_radius = bounding_sphere(mount)
     arrays = kernel.HandArrays()
 
@@ -172,7 +172,7 @@ def hand_arrays(
     put("mount_points", mount, wp.vec3)
     arrays.mount_count = len(mount) if with_mount else 0
     arrays.mount_centre, arrays.mount_radius = wp.vec3(*mount_centre.tolist()), mount_radius
-    keep_out = np.zeros((0, 3)) if keep_out_for is None else keep_out_points(keep_out_for)
+    keep_out = np.zeros((0, 3)) if keep_out_for is None else keep_out_points(keep_out_for, hand)
     blocks = block_order(keep_out)
     spheres = [bounding_sphere(keep_out[block]) for block in blocks]
     put("keep_out_points", keep_out[np.concatenate([[], *blocks]).astype(np.int64)], wp.vec3)
@@ -243,20 +243,18 @@ class EnergyScene:
         prepared: PreparedObject,
         energy: EnergyParameters,
         style: StyleParameters,
+        hand: Hand,
         device: str = "cpu",
-        hand: Hand | None = None,
     ) -> None:
-        """Put ``prepared`` before ``hand`` (the Allegro when left out)."""
+        """Put ``prepared`` before ``hand``."""
         self.wp = warp()
         from pipeline.energy import kernel
 
         self.kernel = kernel
         self.device = device
         keep_out_for = None if style.keep_out_margin is None else fingers_used(style.finger_sets)
-        self.joint_count = (hand or load_hand()).joint_count
-        self.hand = hand_arrays(
-            hand or load_hand(), device, energy.hand_points, style.mount_clearance is not None, keep_out_for
-        )
+        self.joint_count = hand.joint_count
+        self.hand = hand_arrays(hand, device, energy.hand_points, style.mount_clearance is not None, keep_out_for)
         self.scene = object_arrays(device, prepared, energy, style)
         self.energy = energy
 

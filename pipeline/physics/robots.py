@@ -1,4 +1,4 @@
-"""A hand alone (floating, root fixed in space), or the Allegro on the Panda arm, as a SAPIEN articulation.
+"""A hand alone (floating, root fixed in space), or on the Panda arm, as a SAPIEN articulation.
 
 Joints are always addressed by name, in the order of the hand; SAPIEN's own order is breadth-first.
 """
@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipeline.hand.model import Hand, load_hand
-from pipeline.hand.robot import ROBOT_JOINT_NAMES, robot_file
+from pipeline.hand.model import Hand
+from pipeline.hand.robot import robot_file, robot_joint_names
 from pipeline.physics.world import World, from_sapien, to_sapien
 from pipeline.records.parameters.physics import PhysicsParameters
 
@@ -100,7 +100,7 @@ def add_robot(
     arm: bool,
     T_world_root: ArrayLike,
     q: ArrayLike,
-    hand: Hand | None = None,
+    hand: Hand,
 ) -> Robot:
     """Add the hand, alone or on the arm, with a root fixed in space, at rest at ``q``, which is also its target.
 
@@ -108,18 +108,16 @@ def add_robot(
 
     Args:
         arm: False: J joints in the order of ``hand.joint_names``, root of the hand.
-            True, for the Allegro only: 23 joints in the order of ``hand.robot.ROBOT_JOINT_NAMES``, root
+            True, for hands with a mount: 7 + J joints in the order of ``hand.robot.robot_joint_names``, root
             ``panda_link0``.
         T_world_root: (4, 4) pose of the root link.
-        q: (J,) or (23,) first joint positions and drive targets, rad.
-        hand: the Allegro when left out.
+        q: (J,) or (7 + J,) first joint positions and drive targets, rad.
     """
-    hand = hand or load_hand()
     builder = _parsed(arm, hand)
     builder.set_scene(world.scene)
     builder.set_initial_pose(to_sapien(T_world_root))
     articulation = builder.build(fix_root_link=True)
-    names = ROBOT_JOINT_NAMES if arm else hand.joint_names
+    names = robot_joint_names(hand) if arm else hand.joint_names
     in_sapien = [joint.name for joint in articulation.active_joints]
     order = np.array([in_sapien.index(name) for name in names])
     joints = tuple(articulation.active_joints[index] for index in order)

@@ -26,8 +26,8 @@ def settle_grasp(
     q: NDArray[np.float64],
     squeeze_q: NDArray[np.float64],
     settings: PhysicsParameters,
-    waiting: Sequence[str] = ("ring",),
-    hand: Hand | None = None,
+    waiting: Sequence[str],
+    hand: Hand,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return joint angles (J,) and ``T_hand_object`` (4, 4) as physics leaves them after a gentle squeeze.
 
@@ -37,7 +37,6 @@ def settle_grasp(
         T_hand_object: (4, 4) in the synthesized grasp.
         q, squeeze_q: (J,) joints of the grasp, and drive targets that press its contacts together, rad.
         waiting: fingers that will pick other objects later.
-        hand: the Allegro when left out.
     """
     from pipeline.physics.bodies import add_object
     from pipeline.physics.robots import add_robot

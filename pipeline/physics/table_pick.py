@@ -76,8 +76,8 @@ def pick_from_support(
     direction: NDArray[np.float64],
     length: float,
     assigned_links: tuple[str, ...],
-    stand: Support = PLANE,
-    hand: Hand | None = None,
+    stand: Support,
+    hand: Hand,
 ) -> TablePick:
     """Run the tabletop test.
 
@@ -87,7 +87,6 @@ def pick_from_support(
         direction: (3,) unit, object frame, from the grasp towards where the hand comes from.
         length: of the approach, m.
         stand: what the object stands on.
-        hand: the Allegro when left out.
     """
     settings = limits.for_floating_hand(settings)
     world = make_world(settings)

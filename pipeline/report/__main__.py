@@ -12,6 +12,7 @@ from pipeline.stages.running import run_stage
 from pipeline.stages.versions import installed_versions
 
 if TYPE_CHECKING:
+    from pipeline.hand.model import Hand
     from pipeline.report.counting import Counts
     from pipeline.report.dataset_card import CardContent
     from pipeline.report.page import PageContent
@@ -23,6 +24,7 @@ def work() -> None:
     require_allegro(parameters)
     from plotly.offline import get_plotlyjs
 
+    from pipeline.hand.model import load_hand
     from pipeline.records.tables import write_table
     from pipeline.report.counting import count_all
     from pipeline.report.dataset_card import dataset_card
@@ -30,14 +32,15 @@ def work() -> None:
     from pipeline.report.page import build_page
     from pipeline.report.pairs_table import PAIRS, pairs_table
 
+    hand = load_hand(parameters.hand)
     partners = parameters.partners()
     reconstructed = {first: tuple(item.side) for first, item in parameters.reconstructed.items()}
     counts = count_all(parameters.styles, partners, reconstructed, parameters.compute.workers)
     quality = {"learned": load_quality("learned", partners)}
     if reconstructed:
         quality[paths.RECONSTRUCTED] = load_quality(paths.RECONSTRUCTED, reconstructed)
-    content = page_content(parameters, counts, quality["learned"])
-    card = dataset_card(card_content(parameters, counts))
+    content = page_content(parameters, hand, counts, quality["learned"])
+    card = dataset_card(card_content(parameters, hand, counts))
     page = build_page(content, get_plotlyjs())
     write_figures(content)
     with whole_file(paths.REPORT_PAGE) as temporary:
@@ -48,7 +51,7 @@ def work() -> None:
     write_json(paths.SUMMARY_FILE, dict(content.summary))
 
 
-def page_content(parameters: Parameters, counts: Counts, quality: Any) -> PageContent:
+def page_content(parameters: Parameters, hand: Hand, counts: Counts, quality: Any) -> PageContent:
     """Read what the page shows besides counts, draw it, and return all of it.
 
     Args:
@@ -74,7 +77,7 @@ def page_content(parameters: Parameters, counts: Counts, quality: Any) -> PageCo
     harder = load_harder(parameters.harder, evaluate, parameters.physics)
     planned = plan(counts.trials, harder, parameters.report, evaluate)
     opening = [planned.opening] if planned.opening else []
-    drawn = draw_pairs([*planned.shown, *planned.told, *opening], parameters.compute.workers)
+    drawn = draw_pairs([*planned.shown, *planned.told, *opening], hand, parameters.compute.workers)
     shown = drawn[: len(planned.shown)]
     tables = {
         (source, one.view.first, one.view.second): rows for one in drawn for source, rows in one.tables.items()
@@ -91,7 +94,7 @@ def page_content(parameters: Parameters, counts: Counts, quality: Any) -> PageCo
         trials=counts.trials,
         views=[one.view for one in shown],
         trial_tables=tables,
-        shapes=all_shapes(shown),
+        shapes=all_shapes(shown, hand),
         shape_unit=UNIT,
         success_height=evaluate.success_height,
         hold_seconds=evaluate.hold_seconds,
@@ -108,7 +111,7 @@ def page_content(parameters: Parameters, counts: Counts, quality: Any) -> PageCo
     )
 
 
-def card_content(parameters: Parameters, counts: Counts) -> CardContent:
+def card_content(parameters: Parameters, hand: Hand, counts: Counts) -> CardContent:
     """Read what the data card says besides counts, and return all of it.
 
     Raises:
@@ -123,7 +126,7 @@ def card_content(parameters: Parameters, counts: Counts) -> CardContent:
     from pipeline.report.settings import all_settings
 
     few = len(counts.merges) <= MOST_PAIRS
-    used, pairs = diversity(counts.synthesized, read_validated(counts.singles)) if few else ([], [])
+    used, pairs = diversity(counts.synthesized, read_validated(counts.singles), hand) if few else ([], [])
     return CardContent(
         scale=parameters.scale,
         seed=parameters.seed,

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.energy.scene import contact_shares, contact_slots, force_closure, torque_scale
-from pipeline.hand.allegro import Hand
 from pipeline.hand.kinematics import link_poses, points_on_links
+from pipeline.hand.model import Hand
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
 from pipeline.records.poses import transform_points
@@ -68,7 +68,7 @@ def choose_contacts(
 
     Args:
         T_object_hand: (B, 4, 4).
-        q: (B, 16) rad.
+        q: (B, J) rad.
     """
     points = transform_points(
         T_object_hand, points_on_links(link_poses(hand, q), hand.contact_link, hand.contact_points)

@@ -38,10 +38,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error("--port must be 1 to 65535")
     try:
         parameters = read_parameters()
+        from pipeline.hand.model import load_hand
         from pipeline.view.library import Library
         from pipeline.view.page import Page
 
-        page = Page(Library(parameters), chosen.host, chosen.port, chosen.name)
+        page = Page(Library(parameters, load_hand(parameters.hand)), chosen.host, chosen.port, chosen.name)
     except UserError as error:
         print(f"view: {error}", file=sys.stderr)
         return UNUSABLE

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.hand.model import load_hand
 from pipeline.pictures.decimation import Mesh
 from pipeline.pictures.render import corner_normals
 from pipeline.records import paths
@@ -311,14 +310,13 @@ class Page:
         if self.view == TRIALS_VIEW:
             first, second = (library.prepared(lines[0][column]) for column in ("first", "second"))
             height = sponge_height(library.parameters, lines[0]["source"])
-            return scenes.trial_moment(full[0], (first, second), height, self.moment)
+            return scenes.trial_moment(full[0], (first, second), library.hand, height, self.moment)
         _offer(self.joints_choice, tuple(self._postures(full)), self.joints_choice.value)
         joints = scenes.JOINTS[self.joints_choice.value]
         if self.view == MERGED_VIEW:
             return self._merged(lines, full, tints, joints, layers)
         objects = {name: library.prepared(name) for name in names}
-        hand = load_hand(library.parameters.hand)
-        return scenes.grasps_on_objects(full, objects, tints, self.arrangement, joints, layers, hand)
+        return scenes.grasps_on_objects(full, objects, tints, library.hand, self.arrangement, joints, layers)
 
     def _postures(self, full: list[dict[str, Any]]) -> list[str]:
         found = {name for row in full for name in scenes.postures(row)}
@@ -344,7 +342,7 @@ class Page:
                     meshes[name] = (prepared.vertices, prepared.faces)
                 own[f"object{slot}"] = name
             renamed.append(own)
-        return scenes.merged_grasps(renamed, meshes, tints, self.arrangement, joints, layers)
+        return scenes.merged_grasps(renamed, meshes, tints, self.library.hand, self.arrangement, joints, layers)
 
     def _photographed(self, capture: str, name: str) -> Any:
         item, truth = self.library.reconstructed(capture, name), self.library.truth(capture, name)

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline.hand.moves import finger_joints, move_points
+from pipeline.hand.support import PLANE
 from pipeline.physics.table_pick import TablePick, pick_from_support
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.validate import ValidateParameters
@@ -21,7 +22,7 @@ def pick(squeeze: bool, opening: float, lower: float = 0.0) -> TablePick:
     R = T[:3, :3]
     links = [HAND.link("link_3.0_tip"), HAND.link("link_15.0_tip")]
     outward = opening * np.stack([-R[:, 0], R[:, 0]])
-    open_q = move_points(HAND, q, links, np.zeros((2, 3)), outward, finger_joints(["index", "thumb"]))
+    open_q = move_points(HAND, q, links, np.zeros((2, 3)), outward, finger_joints(["index", "thumb"], HAND))
     T_object_hand = np.linalg.inv(T)
     return pick_from_support(
         SETTINGS,
@@ -34,6 +35,8 @@ def pick(squeeze: bool, opening: float, lower: float = 0.0) -> TablePick:
         np.array([0.0, 0.0, 1.0]),
         0.05,
         held.assigned_links,
+        PLANE,
+        HAND,
     )
 
 

@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 
 from pipeline.energy.scene import EnergyScene, Grasps, chosen, contact_slots, read_grasps
-from pipeline.hand.allegro import load_hand
+from pipeline.hand.model import load_hand
 from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters
 from pipeline.synthesize.chains import launch_chains, run_chains
 from pipeline.synthesize.seeds import draw_seeds, free_joints
 from tests.synthesize import shapes
 from tests.synthesize.test_energy import PINCH, SIDE
 
-HAND = load_hand()
+HAND = load_hand("allegro")
 STYLES = {"pinch": (shapes.box(), PINCH, ("thumb", "index"), 2), "side": (shapes.cylinder(), SIDE, ("ring", "palm"), 3)}
 
 
 def problem(style: str, count: int):
     prepared, settings, fingers, contacts = STYLES[style]
-    scene = EnergyScene(prepared, EnergyParameters(), settings)
+    scene = EnergyScene(prepared, EnergyParameters(), settings, HAND)
     slots = contact_slots(HAND, fingers, contacts)
     generators = [np.random.default_rng([3, index]) for index in range(count)]
     return scene, slots, draw_seeds(scene, HAND, style, settings, slots, generators)
@@ -159,7 +159,7 @@ def test_the_second_step_remembers_two_percent_of_the_first_mean():
 def test_the_table_slip_adds_the_sum_of_the_batch_and_multiplies_its_slope():
     scene, slots, first = problem("pinch", 4)
     first.position[:, 2] -= 0.5  # under the table
-    without = EnergyScene(STYLES["pinch"][0], EnergyParameters(weight_penetration=0.0), PINCH)
+    without = EnergyScene(STYLES["pinch"][0], EnergyParameters(weight_penetration=0.0), PINCH, HAND)
     terms, slope = scene.evaluate(first)
     assert (terms.table > 0).sum() >= 2
     optimizer = PLAIN.model_copy(update={"batch_table_term": True, "step": 1e-9})

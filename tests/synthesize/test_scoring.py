@@ -9,13 +9,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pipeline.energy.scene import Grasps, Terms, block_order, contact_shares, contact_slots, force_closure, torque_scale
-from pipeline.hand.allegro import load_hand
+from pipeline.hand.model import load_hand
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.synthesize import EnergyParameters
 from pipeline.synthesize.scoring import ExactSurface, duplicates, first_failures
 from tests.synthesize import shapes
 
-HAND = load_hand()
+HAND = load_hand("allegro")
 HALF = np.array([0.02, 0.03, 0.04])
 
 
