@@ -101,6 +101,7 @@ def test_moves_use_the_fingers_of_the_description(toy: Hand) -> None:
     np.testing.assert_array_equal(straight(["ring", "index"], load_hand("allegro")), [0, -0.1, 0, 0] * 2)
 
 
+LEFT = description()["fingers"]["left"]
 BROKEN = [
     ({"joints": ["left_turn", "left_turn"]}, "joints names a joint twice"),
     ({"joints": description()["joints"][:-1]}, "names 'far_bend', which is not in joints"),
@@ -120,6 +121,16 @@ BROKEN = [
     ),
     ({"styles": {"pinch": {**description()["styles"]["pinch"], "posture": [0.0]}}}, "posture needs 6 angles"),
     ({"styles": {"pinch": {**description()["styles"]["pinch"], "held": ["ring"]}}}, "held names 'ring', which is no f"),
+    ({"styles": {"pinch": {**description()["styles"]["pinch"], "fingers": ["left", "hook"]}}}, "fingers names 'hook'"),
+    (
+        {
+            "fingers": {
+                **description()["fingers"],
+                "left": {**LEFT, "holding": {"first": [0], "bent": [[0, 1], [1, 1]]}},
+            }
+        },
+        "fingers.left.holding.bent needs an angle per joint after the first",
+    ),
     ({"styles": {"hook": description()["styles"]["pinch"]}}, "styles.hook"),
     ({"colour": "red"}, "colour: unknown field"),
     ({"fingers": {"left+right": {"links": ["plate"]}}}, "the finger name 'left\\+right': use small letters"),
@@ -161,7 +172,9 @@ def test_a_joint_of_the_urdf_that_is_not_described_is_named(tmp_path: Path) -> N
                 {
                     "joints": description()["joints"][:4],
                     "fingers": {name: own for name, own in description()["fingers"].items() if name != FINGERS[2]},
-                    "styles": {"pinch": {**description()["styles"]["pinch"], "posture": [0.0] * 4}},
+                    "styles": {
+                        "pinch": {**description()["styles"]["pinch"], "fingers": FINGERS[:2], "posture": [0.0] * 4}
+                    },
                 },
             )
         )

@@ -236,7 +236,9 @@ class HandDescription(Section):
                 raise ValueError(f"fingers.{name}.straight needs {len(finger.joints)} angles, one per joint")
             for row in finger.holding.bent if finger.holding else ():
                 if len(row) != len(finger.joints) - 1:
-                    raise ValueError(f"fingers.{name}.holding.bent needs {len(finger.joints) - 1} angles in every row")
+                    raise ValueError(
+                        f"fingers.{name}.holding.bent needs an angle per joint after the first in each row"
+                    )
         for joint in self.joints:
             if joint not in owners:
                 raise ValueError(f"the joint {joint!r} is in no finger; name it in one")
