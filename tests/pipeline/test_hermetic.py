@@ -72,7 +72,11 @@ def run_in(folder: str, command: list[str]) -> None:
         os.dup2(printed.fileno(), 1)
         os.dup2(printed.fileno(), 2)
     sys.argv = command[2:]
-    runpy.run_module(command[2], run_name="__main__", alter_sys=True)
+    try:
+        runpy.run_module(command[2], run_name="__main__", alter_sys=True)
+    finally:
+        # This process waits for its children, and does not end them first as a command does.
+        get_reusable_executor().shutdown()
 
 
 @pytest.fixture(scope="module")
