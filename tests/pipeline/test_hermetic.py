@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from joblib.externals.loky import get_reusable_executor
 
 from pipeline.records.parameters import Parameters
 from tests.pipeline.conftest import WorkingCopy
