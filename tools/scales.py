@@ -44,6 +44,9 @@ def compose(scale: str, target: Path, preset: str = DEFAULT_PRESET, hand: str = 
             raise UserError(f"there is no {group} {name!r} in {CONFIG_FOLDER}/{group}; use one of {known}.")
     from dvc.utils.hydra import compose_and_dump
 
+    from tools.typed_defaults import register
+
+    register()
     with tempfile.TemporaryDirectory() as folder:
         composed = Path(folder) / "params.yaml"
         chosen = [f"scale={scale}", f"hand={hand}", f"preset={preset}"]

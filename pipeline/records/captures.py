@@ -272,7 +272,10 @@ def _overlap(one: SceneObject, other: SceneObject) -> float:
 def _check_scene(path: Path, scene: Scene) -> None:
     for name, item in scene.objects.items():
         if not name.replace("_", "a").isalnum() or not name[0].isalpha() or name != name.lower():
-            raise UserError(f"{path}: object name {name!r}: use small letters, digits and underscores, a letter first.")
+            raise UserError(
+                f"{path}: object name {name!r}: use lower-case letters, digits and underscores, and begin with a "
+                f"letter."
+            )
         if min(item.box) <= 0.003 or max(item.box) > 1.0:
             raise UserError(
                 f"{path}: objects.{name}.box: {list(item.box)} is no size in metres; give the object's extents in m."
