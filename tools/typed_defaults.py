@@ -1,32 +1,35 @@
-"""The defaults of the typed parameters, for `conf/` to build on: each is written once, beside its range and meaning."""
+"""The defaults of the typed parameters, for `conf/` to build on: each is written once, beside its meaning and range."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
-from omegaconf import MISSING
-from pydantic import BaseModel
+from pydantic import BaseModel, TypeAdapter
+from pydantic.fields import FieldInfo
 
 from pipeline.records.parameters import Parameters
 from pipeline.records.parameters.capture import RenderingParameters
 
 GROUP = "typed"
+MISSING = "???"  # Hydra's mark of a value that another file must give
+
+
+def plain_default(field: FieldInfo) -> Any:
+    """Return the default of a field as YAML would hold it, ``MISSING`` without one."""
+    if field.is_required():
+        return MISSING
+    default = field.get_default(call_default_factory=True)
+    return TypeAdapter(field.annotation).dump_python(default, mode="json", by_alias=True)
 
 
 def defaults_of(model: type[BaseModel]) -> dict[str, Any]:
-    """Return the defaults of a section and of those in it as plain data, in the order of the fields.
-
-    A parameter without a default keeps its place by Hydra's mark of a value that is still missing.
-    """
+    """Return the defaults of a section and of the sections in it, in the order of their fields."""
     found = {}
     for name, field in model.model_fields.items():
         kind = field.annotation
-        if isinstance(kind, type) and issubclass(kind, BaseModel):
-            default = defaults_of(kind)
-        else:
-            default = MISSING if field.is_required() else field.get_default(call_default_factory=True)
-        found[field.alias or name] = default
+        is_section = isinstance(kind, type) and issubclass(kind, BaseModel) and field.is_required()
+        found[field.alias or name] = defaults_of(kind) if is_section else plain_default(field)
     return found
 
 

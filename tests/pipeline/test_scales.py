@@ -1,6 +1,5 @@
 """`params.yaml` and `conf/`: composed, complete, and never overwritten by accident."""
 
-import json
 import shutil
 import sys
 
@@ -56,8 +55,7 @@ def stated(file) -> dict:
 def test_a_value_is_a_typed_default_or_in_conf_but_not_both(repository):
     """Entries of a catalogue, such as objects, are not settings: each is whole, and may have an ordinary value."""
     rendering = defaults_of(RenderingParameters)
-    typed = {**defaults_of(Parameters), "renderings": {"demo": rendering, "tiny": rendering}}
-    defaults = flatten(json.loads(json.dumps(typed)))  # no tuples
+    defaults = flatten({**defaults_of(Parameters), "renderings": {"demo": rendering, "tiny": rendering}})
     shared = stated(repository / "conf/config.yaml")
     assert {defaults[name] for name in shared} == {MISSING}
     defaults |= shared

@@ -56,10 +56,10 @@ class FingerDescription(Section):
 
 
 class SphereDescription(Section):
-    """A ball."""
+    """A sphere."""
 
-    centre: Vector = Field((0.0, 0.0, 0.0), description="[m] Centre of the ball, in the link frame.")
-    radius: float = Field(gt=0, description="[m] Radius of the ball.")
+    centre: Vector = Field((0.0, 0.0, 0.0), description="[m] Centre of the sphere, in the link frame.")
+    radius: float = Field(gt=0, description="[m] Radius of the sphere.")
 
 
 class BoxDescription(Section):
@@ -70,10 +70,10 @@ class BoxDescription(Section):
 
 
 class ShapesDescription(Section):
-    """Boxes and balls that replace the shapes of a link, where the URDF has a mesh, a cylinder or a rotated box."""
+    """Boxes and spheres that replace the shapes of a link, where the URDF has a mesh, a cylinder or a rotated box."""
 
     boxes: list[BoxDescription] = Field(default_factory=list, description="Boxes of the link.")
-    spheres: list[SphereDescription] = Field(default_factory=list, description="Balls of the link.")
+    spheres: list[SphereDescription] = Field(default_factory=list, description="Spheres of the link.")
 
 
 class GridDescription(Section):
@@ -85,9 +85,9 @@ class GridDescription(Section):
 
 
 class CapDescription(Section):
-    """Points on a ball, in arcs about an axis that extend to either side of a front."""
+    """Points on a sphere, in arcs about an axis that extend to either side of a front."""
 
-    sphere: int = Field(0, ge=0, description="Index of the ball among those of the link.")
+    sphere: int = Field(0, ge=0, description="Index of the sphere among those of the link.")
     axis: Side = Field(description="Axis of the link frame that the arcs run about.")
     front: Side = Field(description="Axis of the link frame at azimuth 0; it must be perpendicular to `axis`.")
     polar: tuple[float, float] = Field(description="[rad] Angle from `axis` to the first and to the last arc.")
@@ -107,10 +107,10 @@ class ContactDescription(Section):
     """Contact candidates of a link: exactly one of `grid` with `normal`, `cap`, or `points` with `normals`."""
 
     grid: GridDescription | None = Field(
-        None, description="Grid whose points are each moved to the nearest face that faces along `normal`."
+        None, description="Grid whose points are each moved to the nearest face with the given normal."
     )
     normal: Side | None = Field(None, description="Outward normal of the box faces that the grid lies on.")
-    cap: CapDescription | None = Field(None, description="Points on one of the link's balls.")
+    cap: CapDescription | None = Field(None, description="Points on one of the link's spheres.")
     points: list[Vector] | None = Field(None, description="[m] Points on the link's shapes, in the link frame.")
     normals: list[Vector] | None = Field(None, description="Outward unit normals at `points`, in the link frame.")
 
