@@ -20,16 +20,18 @@ def plain_default(field: FieldInfo) -> Any:
     if field.is_required():
         return MISSING
     default = field.get_default(call_default_factory=True)
-    return TypeAdapter(field.annotation).dump_python(default, mode="json", by_alias=True)
+    return TypeAdapter[Any](Any).dump_python(default, mode="json", by_alias=True)
 
 
 def defaults_of(model: type[BaseModel]) -> dict[str, Any]:
     """Return the defaults of a section and of the sections in it, in the order of their fields."""
-    found = {}
+    found: dict[str, Any] = {}
     for name, field in model.model_fields.items():
         kind = field.annotation
-        is_section = isinstance(kind, type) and issubclass(kind, BaseModel) and field.is_required()
-        found[field.alias or name] = defaults_of(kind) if is_section else plain_default(field)
+        if isinstance(kind, type) and issubclass(kind, BaseModel) and field.is_required():
+            found[field.alias or name] = defaults_of(kind)
+        else:
+            found[field.alias or name] = plain_default(field)
     return found
 
 
