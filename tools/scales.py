@@ -1,7 +1,8 @@
 """`params.yaml` composed from `conf/`: by DVC's own Hydra composition, and never over hand edits by accident.
 
-`conf/config.yaml` holds what all scales share, `conf/scale/<scale>.yaml` what differs, `conf/hand/<hand>.yaml` which
-fingers of a hand hold what, `conf/preset/<preset>.yaml` what replaces settings of synthesis, validation or the model.
+A parameter has its typed default (`pipeline/records/parameters/`) unless `conf/` gives another value: `conf/config.yaml`
+for those without a default, `conf/scale/<scale>.yaml` for a scale, `conf/hand/<hand>.yaml` for the fingers of a hand,
+`conf/preset/<preset>.yaml` for other settings of synthesis, validation or the model.
 The composed file is committed, because DVC and the stages read it alone; it may be edited by hand at any time.
 """
 

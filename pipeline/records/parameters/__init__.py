@@ -62,7 +62,8 @@ class Parameters(Section):
     pairs: PairsParameter = Field(
         "all",
         description="Objects that are picked one after the other: `all` pairs every object of styles.pinch with every "
-        "object of styles.side; a number gives each first object so many partners, drawn evenly from the seed; a list "
+        "object of styles.side; a number gives each first object that many partners, drawn evenly from "
+        "the seed; a list "
         "names the pairs as [first, second]. Paper: all.",
     )
     objects: dict[str, ObjectParameters] = Field({}, description="Objects from packages and recipes, by name.")

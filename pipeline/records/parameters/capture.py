@@ -54,7 +54,9 @@ class ReconstructedParameters(Section):
         description="Capture to sample from. It must be a rendering that shows all objects of these pairs, since the "
         "true poses of photographed objects are unknown."
     )
-    side: list[str] = Field(min_length=1, description="Objects to be picked second.")
+    side: list[str] = Field(
+        min_length=1, description="Objects that are picked second, after the object that the entry is named after."
+    )
 
 
 class CaptureParameters(Section):

@@ -170,7 +170,7 @@ class HandDescription(Section):
         min_length=1, description="All movable joints, in the order of the column q of all tables."
     )
     fingers: dict[str, FingerDescription] = Field(
-        description="Fingers by name, and the part that does not move as `palm`."
+        description="Fingers by name; the part of the hand that does not move is called `palm`."
     )
     opposing: list[str] = Field(
         description="Fingers that oppose the others, so that both groups carry half of the force each; none: "
