@@ -1,7 +1,8 @@
 """`params.yaml` composed from `conf/`: by DVC's own Hydra composition, and never over hand edits by accident.
 
-`conf/config.yaml` holds what all scales share, `conf/scale/<scale>.yaml` what differs, `conf/hand/<hand>.yaml` which
-fingers of a hand hold what, `conf/preset/<preset>.yaml` what replaces settings of synthesis, validation or the model.
+A parameter has its typed default (`pipeline/records/parameters/`) unless a file of `conf/` gives another value: those of
+`conf/scale` for a scale, of `conf/hand` for the fingers of a hand, of `conf/preset` for the synthesis, the validation or
+the model. `conf/config.yaml` gives the values of parameters that have no default.
 The composed file is committed, because DVC and the stages read it alone; it may be edited by hand at any time.
 """
 
@@ -44,6 +45,9 @@ def compose(scale: str, target: Path, preset: str = DEFAULT_PRESET, hand: str = 
             raise UserError(f"there is no {group} {name!r} in {CONFIG_FOLDER}/{group}; use one of {known}.")
     from dvc.utils.hydra import compose_and_dump
 
+    from tools.typed_defaults import register
+
+    register()
     with tempfile.TemporaryDirectory() as folder:
         composed = Path(folder) / "params.yaml"
         chosen = [f"scale={scale}", f"hand={hand}", f"preset={preset}"]

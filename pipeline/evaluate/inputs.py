@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from pipeline.records import paths
 from pipeline.records.digests import digest, prepared_digest
 from pipeline.records.errors import UserError
-from pipeline.records.parameters import load_pairs
+from pipeline.records.parameters import chosen_pairs
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -36,7 +36,7 @@ def pairs_of(source: str, parameters: dict[str, Any], first: str = "") -> dict[s
         UserError: params.yaml does not name ``first`` for this source.
     """
     if source != paths.RECONSTRUCTED:
-        return load_pairs(first)
+        return chosen_pairs(parameters, first)
     chosen = parameters["reconstructed"]
     known = {name: tuple(item.side) for name, item in chosen.items()}
     if first and first not in known:

@@ -16,7 +16,7 @@ from pipeline.compute.pool import Calls, Work
 from pipeline.records import paths
 from pipeline.records.digests import digest, file_digest
 from pipeline.records.errors import UserError
-from pipeline.records.parameters import load_parameters, read_parameters
+from pipeline.records.parameters import load_with_workers
 from pipeline.records.parameters.objects import MeshParameters, ObjectParameters
 from pipeline.stages.code import own_fingerprint
 from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
@@ -38,7 +38,7 @@ def sections() -> list[str]:
 
 def prepare(only: str) -> None:
     """Prepare the objects of params.yaml that are not up to date, or one by hand."""
-    parameters = load_parameters(sections())
+    parameters, workers = load_with_workers(sections())
     shapes: dict[str, Shape] = {**parameters["objects"], **parameters["meshes"]}
     if only and only not in shapes:
         raise UserError(
@@ -50,7 +50,6 @@ def prepare(only: str) -> None:
     for name in [only] if only else shapes:
         check_source(shapes[name], name)
     begin = partial(_begin, shapes, parameters["prepare"])
-    workers = read_parameters().compute
     if only:
         make_by_hand(STAGE, [only], begin, workers)
         return

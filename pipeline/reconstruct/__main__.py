@@ -16,7 +16,7 @@ from pipeline.records import paths
 from pipeline.records.captures import read_capture, read_truth
 from pipeline.records.digests import digest, folder_digest
 from pipeline.records.errors import UserError
-from pipeline.records.parameters import load_parameters, read_parameters
+from pipeline.records.parameters import load_with_workers
 from pipeline.stages.code import own_fingerprint
 from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
 from pipeline.stages.outputs import Folders, files_in
@@ -41,8 +41,8 @@ def reconstruct(only: str) -> None:
     Raises:
         UserError: a capture is missing or damaged, or its photos cannot be reconstructed.
     """
-    parameters = load_parameters(sections())
-    workers, seed, settings = read_parameters().compute, parameters["seed"], parameters["reconstruct"]
+    parameters, workers = load_with_workers(sections())
+    seed, settings = parameters["seed"], parameters["reconstruct"]
     folders = {name: Path(item.folder) for name, item in parameters["captures"].items()}
     if only and only not in folders:
         raise UserError(

@@ -1,7 +1,7 @@
-"""The one exception whose text is meant for the user."""
+"""The one exception whose message is meant for the user."""
 
 from __future__ import annotations
 
 
 class UserError(Exception):
-    """Something the user can mend; the text is one sentence: what, where, and how to mend it."""
+    """A problem that the user can fix; the message is one sentence: what, where, and how to fix it."""

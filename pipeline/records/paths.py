@@ -55,7 +55,7 @@ def sampled_file(source: str, first: str) -> Path:
 
 
 def sample_quality_file(source: str) -> Path:
-    """Figures on what the model drew for every pair, by first and second object."""
+    """Statistics of the model's samples for every pair, by first and second object."""
     return Path("data/sample") / source / "quality.json"
 
 

@@ -1,4 +1,4 @@
-"""Files that stages wrote, read with one sentence where they are missing or damaged."""
+"""Reading of files that stages wrote: one that is missing or damaged is reported in one sentence."""
 
 from __future__ import annotations
 

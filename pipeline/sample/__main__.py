@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 from pipeline.records import paths
 from pipeline.records.digests import digest, file_digest, folder_digest, hand_digest, prepared_digest
 from pipeline.records.errors import UserError
-from pipeline.records.parameters import load_pairs, load_parameters, read_parameters
+from pipeline.records.parameters import chosen_pairs, load_with_workers
 from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.stages.code import own_fingerprint
 from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
@@ -52,9 +52,12 @@ def sample(source: str, only: str) -> None:
     Raises:
         UserError: an input is missing or damaged, or params.yaml does not name the object for this source.
     """
-    parameters = load_parameters(sections(source))
-    workers = read_parameters().compute
-    seen = _Reconstructions(parameters["reconstructed"], only) if source == paths.RECONSTRUCTED else _Prepared(only)
+    parameters, workers = load_with_workers(sections(source))
+    seen = (
+        _Reconstructions(parameters["reconstructed"], only)
+        if source == paths.RECONSTRUCTED
+        else _Prepared(parameters, only)
+    )
 
     from pipeline.compute.shared import Shared
     from pipeline.model.checkpoint import read_checkpoint
@@ -98,8 +101,8 @@ class _Prepared:
 
     identity = "sample"  # what the seed of a pair depends on
 
-    def __init__(self, only: str) -> None:
-        self.pairs = load_pairs(only)
+    def __init__(self, parameters: dict[str, Any], only: str) -> None:
+        self.pairs = chosen_pairs(parameters, only)
 
     def objects(self, first: str, second: str) -> tuple[PreparedObject, PreparedObject]:
         """Return the objects of a pair."""
@@ -215,8 +218,7 @@ def sample_own(sources: tuple[Path, Path], count: int, output: Path) -> None:
     Raises:
         UserError: a file cannot be used, or there is no trained model.
     """
-    parameters = load_parameters(sections())
-    workers = read_parameters().compute
+    parameters, workers = load_with_workers(sections())
 
     from time import perf_counter
 

@@ -86,7 +86,7 @@ def test_names_in_angle_brackets_stay_text():
 
 
 def test_every_parameter_of_the_composed_file_is_in_the_reference():
-    text = reference.parameters(Parameters)
+    text = reference.parameters(Parameters, ROOT)
     sections = dict(part.partition("\n")[::2] for part in text.split("## ")[1:])
 
     def check(value, path: list[str]) -> None:

@@ -22,7 +22,7 @@ def made_pages() -> dict[str, str]:
     pages = {
         "reference/index.md": reference.index(ROOT),
         "reference/commands.md": reference.commands(ROOT),
-        "reference/parameters.md": reference.parameters(Parameters),
+        "reference/parameters.md": reference.parameters(Parameters, ROOT),
     }
     rooms = reference.rooms(ROOT)
     return pages | {f"reference/{room}.md": reference.room_page(room, modules) for room, modules in rooms.items()}
