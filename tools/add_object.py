@@ -24,6 +24,7 @@ from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters import OBJECT_NAME, Parameters, read_parameters
 from pipeline.records.parameters.objects import MeshParameters
 from pipeline.records.writing import check_writable, whole_file
+from pipeline.stages.running import command
 from tools.parameter_text import with_mesh
 
 if TYPE_CHECKING:
@@ -178,14 +179,10 @@ def command_line() -> argparse.ArgumentParser:
     return parser
 
 
+@command("add-object")
 def main(arguments: list[str] | None = None) -> int:
     """Command line of this module."""
-    chosen = command_line().parse_args(arguments)
-    try:
-        add(chosen)
-    except UserError as error:
-        print(f"add-object: {error}", file=sys.stderr)
-        return 2
+    add(command_line().parse_args(arguments))
     return 0
 
 

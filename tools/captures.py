@@ -10,6 +10,7 @@ from pipeline.records.captures import read_capture
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import read_parameters
 from pipeline.records.writing import whole_file
+from pipeline.stages.running import command
 
 DOUBTFUL = 1  # exit code of `check` when it has something to say
 
@@ -54,6 +55,7 @@ def check(folder: Path) -> int:
     return DOUBTFUL if found else 0
 
 
+@command("capture")
 def main(arguments: list[str] | None = None) -> int:
     """Command line of this module."""
     parser = argparse.ArgumentParser(prog="./dev capture", description=__doc__)
@@ -67,15 +69,11 @@ def main(arguments: list[str] | None = None) -> int:
     checking = commands.add_parser("check", help="say what is wrong with a capture folder (exit code 1 if anything)")
     checking.add_argument("folder", type=Path)
     chosen = parser.parse_args(arguments)
-    try:
-        if chosen.command == "check":
-            return check(chosen.folder)
-        if not 5 <= chosen.size_mm <= 200:
-            raise UserError(f"--size-mm {chosen.size_mm:g} is out of range; choose 5 to 200.")
-        print_tags(chosen.out, chosen.count, chosen.first, chosen.size_mm / 1000, chosen.page)
-    except UserError as error:
-        print(error, file=sys.stderr)
-        return 2
+    if chosen.command == "check":
+        return check(chosen.folder)
+    if not 5 <= chosen.size_mm <= 200:
+        raise UserError(f"--size-mm {chosen.size_mm:g} is out of range; choose 5 to 200.")
+    print_tags(chosen.out, chosen.count, chosen.first, chosen.size_mm / 1000, chosen.page)
     return 0
 
 

@@ -19,6 +19,7 @@ import yaml
 
 from pipeline.records.errors import UserError
 from pipeline.records.texts import parse_json, parse_yaml
+from pipeline.stages.running import command
 
 LOCK_FILE = Path("dvc.lock")
 BLOCK = 1 << 20  # bytes
@@ -93,14 +94,11 @@ def check(cache: Path) -> list[Path]:
     return found + spoilt
 
 
+@command("check_cache")
 def main(arguments: list[str] | None = None) -> int:
     """Command line of this module; exit code 1: something was damaged."""
     argparse.ArgumentParser(prog="python -m tools.check_cache", description=__doc__).parse_args(arguments)
-    try:
-        removed = check(cache_folder())
-    except UserError as error:
-        print(f"check_cache: {error}", file=sys.stderr)
-        return 2
+    removed = check(cache_folder())
     for path in removed:
         print(f"removed {path}: damaged, or made of what is damaged")
     print("`dvc repro` makes them again" if removed else "every file in DVC's cache is what its name says")

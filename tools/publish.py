@@ -25,6 +25,7 @@ from pipeline.records.errors import UserError
 from pipeline.records.parameters import Parameters, read_parameters
 from pipeline.records.tables import TRIALS, read_table
 from pipeline.records.writing import whole_file
+from pipeline.stages.running import command
 from tools.machine import package_versions
 from tools.published_tables import published_tables, with_tables
 
@@ -120,6 +121,7 @@ def tables_of(folder: Path) -> dict[str, str]:
         raise UserError(f"{folder} is no published result ({error}); publish a finished run there first.") from error
 
 
+@command("publish")
 def main(arguments: list[str] | None = None) -> int:
     """Command line of this module."""
     parser = argparse.ArgumentParser(prog="python -m tools.publish", description=__doc__.split("\n")[0])
@@ -127,16 +129,12 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--page", type=Path, help="Markdown page whose tables are written anew")
     parser.add_argument("--page-only", action="store_true", help="take the folder as it is; only write the page")
     chosen = parser.parse_args(arguments)
-    try:
-        if not chosen.page_only:
-            publish(chosen.folder)
-        if chosen.page:
-            page = with_tables(chosen.page.read_text(), tables_of(chosen.folder))
-            with whole_file(chosen.page) as temporary:
-                temporary.write_text(page)
-    except UserError as error:
-        print(error, file=sys.stderr)
-        return 2
+    if not chosen.page_only:
+        publish(chosen.folder)
+    if chosen.page:
+        page = with_tables(chosen.page.read_text(), tables_of(chosen.folder))
+        with whole_file(chosen.page) as temporary:
+            temporary.write_text(page)
     print(f"{chosen.folder}: {', '.join(sorted(file.name for file in chosen.folder.iterdir()))}")
     return 0
 
