@@ -12,14 +12,13 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
-from pydantic_core import PydanticUndefined
 
-# The search finds these pages less readily than pages that were written to be read.
+# The search ranks these pages below those that were written to be read.
 _HEADER = "---\ntitle: {title}\nsearch:\n  boost: 0.3\n---\n\n"
 
 
 def rooms(root: Path) -> dict[str, list[str]]:
-    """Return the public modules of every room, by the room's name; a room itself is its first module."""
+    """Return the public modules of every room by the room's name; the room itself comes first."""
     found = {}
     for package in sorted((root / "pipeline").glob("*/__init__.py")):
         files = sorted(package.parent.rglob("*.py"), key=lambda file: (file.name != "__init__.py", file))
@@ -52,7 +51,7 @@ def index(root: Path) -> str:
 
 
 def room_page(room: str, modules: list[str]) -> str:
-    """Return the page of a room: its modules, for mkdocstrings to fill in."""
+    """Return the page of a room: its modules, which mkdocstrings fills in."""
     of_the_room = "    options:\n      heading_level: 1\n"
     parts = [f"::: {module}\n" + (of_the_room if module == room else "") for module in modules]
     return _HEADER.format(title=room) + "\n".join(parts)
@@ -112,7 +111,7 @@ def _sections(model: type[BaseModel], path: str) -> Iterator[tuple[str, str, lis
         below += [(f"{path}.{name}{between}".lstrip("."), section) for between, section in inner]
         if not inner or field.description:
             limits = _range(field)
-            default = "" if field.default is PydanticUndefined else f"`{field.default!r}`"
+            default = "" if field.is_required() or field.default_factory else f"`{field.default!r}`"
             kind = "below" if inner else _kind(field.annotation) + (f", {limits}" if limits else "")
             rows.append(f"| `{name}` | {kind} | {default} | {field.description or ''} |".replace("||", "| |"))
     yield path, " ".join((model.__doc__ or "").split()), rows
