@@ -21,6 +21,7 @@ from pipeline.records.errors import UserError
 from pipeline.records.parameters import read_parameters, require_allegro
 from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.writing import whole_file
+from pipeline.stages.running import command
 from tools.parameter_text import own_meshes, with_mesh, without_meshes
 
 CONFIG_FOLDER = Path("conf")
@@ -140,6 +141,7 @@ def describe() -> str:
     )
 
 
+@command("scales")
 def main(arguments: list[str] | None = None) -> int:
     """Command line of this module."""
     parser = argparse.ArgumentParser(prog="python -m tools.scales", description=__doc__)
@@ -152,15 +154,11 @@ def main(arguments: list[str] | None = None) -> int:
     composing.add_argument("--hand", default=ALLEGRO, help="a file of conf/hand (default: %(default)s)")
     composing.add_argument("--force", action="store_true", help="overwrite hand edits")
     chosen = parser.parse_args(arguments)
-    try:
-        composing_now = chosen.command == "compose"
-        if not composing_now and chosen.everything:
-            require_allegro(read_parameters())
-        said = switch(chosen.scale, chosen.force, chosen.preset, chosen.hand) if composing_now else describe()
-        print(said, file=sys.stderr)
-    except UserError as error:
-        print(error, file=sys.stderr)
-        return 2
+    composing_now = chosen.command == "compose"
+    if not composing_now and chosen.everything:
+        require_allegro(read_parameters())
+    said = switch(chosen.scale, chosen.force, chosen.preset, chosen.hand) if composing_now else describe()
+    print(said, file=sys.stderr)
     return 0
 
 

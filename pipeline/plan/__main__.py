@@ -13,7 +13,6 @@ reconstructed objects, such as data/sample/reconstructed/cube.parquet.
 from __future__ import annotations
 
 import argparse
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,6 +23,7 @@ from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters
 from pipeline.records.poses import pose_matrix, transform_points
+from pipeline.stages.running import command
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -246,6 +246,7 @@ def _check_on_sponge(name: str, prepared: PreparedObject, T: NDArray[np.float64]
         )
 
 
+@command("plan")
 def main(arguments: list[str] | None = None) -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(
@@ -278,13 +279,8 @@ def main(arguments: list[str] | None = None) -> int:
     if chosen.capture and (chosen.place0 or chosen.place1) or chosen.scene and not chosen.capture:
         parser.error("give --place0 and --place1, or --capture and --scene")
     places = Places((chosen.place0, chosen.place1), chosen.capture, chosen.scene)
-    try:
-        choice = Choice(chosen.table, chosen.second, chosen.merged_id)
-        held = plan(choice, places, chosen.output, chosen.play)
-    except UserError as error:
-        print(f"plan: {error}", file=sys.stderr)
-        return 2
-    return 0 if held else 1
+    choice = Choice(chosen.table, chosen.second, chosen.merged_id)
+    return 0 if plan(choice, places, chosen.output, chosen.play) else 1
 
 
 if __name__ == "__main__":

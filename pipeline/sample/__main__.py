@@ -14,7 +14,6 @@ point clouds in metres, and writes grasps.parquet, grasps.json and grasps.html.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from functools import lru_cache, partial
 from pathlib import Path
@@ -28,7 +27,7 @@ from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.stages.code import own_fingerprint
 from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
 from pipeline.stages.outputs import TablesWithFigures
-from pipeline.stages.running import run_stage
+from pipeline.stages.running import command, run_stage
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -268,6 +267,7 @@ def plain(value: Any) -> Any:
     return value.tolist() if hasattr(value, "tolist") else value
 
 
+@command("sample")
 def main(arguments: list[str] | None = None) -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(
@@ -290,11 +290,7 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error("give --object with --source learned or --source reconstructed")
     if not (chosen.object0 and chosen.object1) or chosen.n < 1:
         parser.error("give --source NAME, or --object0 FILE and --object1 FILE, and -n of at least 1")
-    try:
-        sample_own((chosen.object0, chosen.object1), chosen.n, chosen.output)
-    except UserError as error:
-        print(f"sample: {error}", file=sys.stderr)
-        return 2
+    sample_own((chosen.object0, chosen.object1), chosen.n, chosen.output)
     return 0
 
 

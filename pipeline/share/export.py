@@ -25,6 +25,7 @@ from pipeline.share.released import (
     write_hdf5,
     write_meshes,
 )
+from pipeline.stages.running import command
 
 HDF5 = (".h5", ".hdf5")
 TABLE = pa.schema(
@@ -111,14 +112,10 @@ def _export_pairs(project: Project, file: Path, grasps: pd.DataFrame, no_contact
     return write_hdf5(file, pair_arrays(grasps, singles, load_hand()))
 
 
+@command("export")
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; exit code 2 after one sentence when it cannot be done."""
-    try:
-        written = export(command_line().parse_args(arguments))
-    except UserError as error:
-        print(f"export: {error}", file=sys.stderr)
-        return 2
-    for path in written:
+    """Run the command."""
+    for path in export(command_line().parse_args(arguments)):
         print(path)
     return 0
 

@@ -261,7 +261,7 @@ def first_text(address: str) -> bytes:
     ],
 )
 def test_command_says_in_one_sentence_why_not(bare: Path, capsys, arguments: list[str], told: str) -> None:
-    assert browse.main(arguments) == browse.UNUSABLE
+    assert browse.main(arguments) == 2
     errors = capsys.readouterr().err
     assert errors.startswith("view: ") and told in errors and errors.count("\n") == 1
 

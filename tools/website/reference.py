@@ -17,12 +17,12 @@ from pydantic.fields import FieldInfo
 
 from tools.typed_defaults import MISSING, plain_default
 
-# The search finds these pages less readily than pages that were written to be read.
+# The search ranks these pages below those that were written to be read.
 _HEADER = "---\ntitle: {title}\nsearch:\n  boost: 0.3\n---\n\n"
 
 
 def rooms(root: Path) -> dict[str, list[str]]:
-    """Return the public modules of every room, by the room's name; a room itself is its first module."""
+    """Return the public modules of every room by the room's name; the room itself comes first."""
     found = {}
     for package in sorted((root / "pipeline").glob("*/__init__.py")):
         files = sorted(package.parent.rglob("*.py"), key=lambda file: (file.name != "__init__.py", file))
@@ -55,7 +55,7 @@ def index(root: Path) -> str:
 
 
 def room_page(room: str, modules: list[str]) -> str:
-    """Return the page of a room: its modules, for mkdocstrings to fill in."""
+    """Return the page of a room: its modules, which mkdocstrings fills in."""
     of_the_room = "    options:\n      heading_level: 1\n"
     parts = [f"::: {module}\n" + (of_the_room if module == room else "") for module in modules]
     return _HEADER.format(title=room) + "\n".join(parts)
