@@ -13,6 +13,7 @@ from pipeline.energy.scene import Grasps, Terms, contact_positions, contact_shar
 from pipeline.hand.model import Hand
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters
+from pipeline.records.synthesis_reasons import SynthesisReason
 
 SURFACE_TOLERANCE = 1e-6  # m; nearer than this, the normal is that of the triangle
 # A grasp is a duplicate of a better one within all three (notes of the yield measurements).
@@ -79,16 +80,16 @@ def first_failures(terms: Terms, energy: EnergyParameters) -> NDArray[np.str_]:
         return np.inf if value is None else value
 
     checks = {
-        "joints": ~(terms.joints <= limit(energy.limit_joints)),
-        "distance": ~(terms.distance <= energy.limit_distance),
-        "force_closure": ~(terms.force_closure <= energy.limit_force_closure),
-        "penetration": ~(terms.penetration <= energy.limit_penetration),
-        "table": ~(terms.penetration + terms.table <= energy.limit_penetration),
-        "self_penetration": ~(terms.self_penetration <= limit(energy.limit_self_penetration)),
+        SynthesisReason.JOINTS: ~(terms.joints <= limit(energy.limit_joints)),
+        SynthesisReason.DISTANCE: ~(terms.distance <= energy.limit_distance),
+        SynthesisReason.FORCE_CLOSURE: ~(terms.force_closure <= energy.limit_force_closure),
+        SynthesisReason.PENETRATION: ~(terms.penetration <= energy.limit_penetration),
+        SynthesisReason.TABLE: ~(terms.penetration + terms.table <= energy.limit_penetration),
+        SynthesisReason.SELF_PENETRATION: ~(terms.self_penetration <= limit(energy.limit_self_penetration)),
     }
     reasons = np.full(len(terms.energy), "", dtype="<U32")
-    for name, failed in checks.items():
-        reasons[(reasons == "") & failed] = name
+    for reason, failed in checks.items():
+        reasons[(reasons == "") & failed] = reason.value
     return reasons
 
 
