@@ -24,6 +24,7 @@ from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters
 from pipeline.records.poses import pose_matrix, transform_points
+from pipeline.records.sources import OF_ALL_PAIRS, SOURCES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -33,8 +34,8 @@ if TYPE_CHECKING:
     from pipeline.records.objects import PreparedObject
     from pipeline.records.parameters.evaluate import EvaluateParameters
 
-PREPARED = (paths.merged_file("x").parent, paths.sampled_file("learned", "x").parent)  # grasps of prepared objects
-PHOTOGRAPHED = paths.sampled_file(paths.RECONSTRUCTED, "x").parent  # grasps of objects as photos show them
+PREPARED = tuple(source.folder for source in OF_ALL_PAIRS.values())  # grasps of prepared objects
+PHOTOGRAPHED = SOURCES[paths.RECONSTRUCTED].folder  # grasps of objects as photos show them
 BASE_HEIGHT = 0.003  # m over an object's lowest point, within which it is taken to stand on the sponge
 
 

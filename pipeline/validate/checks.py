@@ -173,7 +173,7 @@ def is_picked(inspection: Inspection) -> Verdict:
 
 
 def table_failure(pick: TablePick, limits: ValidateParameters) -> str:
-    """Return the first check of the tabletop test that a pick fails, '' if none; a motion that is not a number fails."""
+    """Return the first check that a pick fails, '' if none; a motion that is not a number fails."""
     if not pick.push <= limits.push_limit:
         return ValidationReason.TABLE_PUSH
     if pick.touched_support:

@@ -12,10 +12,11 @@ import pyarrow as pa
 
 from pipeline.records import paths
 from pipeline.records.objects import PreparedObject
+from pipeline.records.sources import SOURCES
 from pipeline.records.tables import CHECKED, description
 from pipeline.report.meanings import MERGE, SYNTHESIS, TRIALS, VALIDATION, meaning_of
 from pipeline.view.rows import Colour
-from pipeline.view.tables import GRASP_FOLDERS, HARDER
+from pipeline.view.tables import HARDER
 
 SINGLE = {**SYNTHESIS, **VALIDATION}  # of what rejects single grasps
 
@@ -123,8 +124,9 @@ def related(line: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, str]:
             "pinch": f"validate/pinch/{first}/{row['grasp0_id']}",
             "side": f"validate/side/{second}/{row['grasp1_id']}",
         }
-    if view == "evaluate" and row["merged_id"] >= 0 and source in GRASP_FOLDERS:
-        return {"its grasp": f"{GRASP_FOLDERS[source]}/{first}/{second}/{row['merged_id']}"}
+    if view == "evaluate" and row["merged_id"] >= 0 and source in SOURCES:
+        folder = "/".join(SOURCES[source].folder.parts[1:])
+        return {"its grasp": f"{folder}/{first}/{second}/{row['merged_id']}"}
     if view == "sample" and source == paths.RECONSTRUCTED:
         return {first: f"prepare/{first}", second: f"prepare/{second}"}
     return {"object": f"prepare/{first}"} if view == "reconstruct" else {}

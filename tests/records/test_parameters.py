@@ -89,7 +89,7 @@ def test_the_committed_file_is_valid(repository):
         ("harder.pairs", [["cube", "soup_can"]] * 2, "harder: pairs names a pair twice"),
         ("harder.pairs", [], "harder: pairs is empty, so no setting would be tried"),
         ("harder.trials", 26, "harder.trials must not exceed evaluate.trials (25)"),
-        ("harder.settings.placement.source", "guessed", "harder.settings.placement.source: Input should be"),
+        ("harder.settings.placement.source", "guessed", "harder.settings.placement.source: there is no source"),
         ("harder.settings.placement.evaluate.trials", 2, "trials are set by harder.trials for all settings"),
         ("harder.settings.placement.physics.friction", 1, "placement.physics: friction: unknown parameter (misspelt?)"),
         (

@@ -16,6 +16,7 @@ from pipeline.records import paths
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.report import ReportParameters
 from pipeline.records.poses import pose_matrix
+from pipeline.records.sources import OF_ALL_PAIRS, SOURCES
 from pipeline.report.charts import heat_map, histogram, ordered_categories, scale_colour, stacked_bars, table
 from pipeline.report.chosen_trials import choose_trials, chosen_moments
 from pipeline.report.embedding import FoldedTable
@@ -32,7 +33,7 @@ from pipeline.report.trial_rows import trials_table
 from tests.browser import needs_chromium, open_tab
 from tests.report import made_up
 
-ALL_SOURCES = (*paths.SOURCES, paths.RECONSTRUCTED)
+ALL_SOURCES = tuple(SOURCES)
 
 
 class Balance(HTMLParser):
@@ -259,11 +260,11 @@ def many_content(content: PageContent, count: int) -> PageContent:
     """So many pairs of two sources, and the few reconstructed ones: of `first_3` none succeeds, of all others one."""
     counts = [
         one
-        for source in paths.SOURCES
+        for source in OF_ALL_PAIRS
         for index in range(count)
         for one in made_up.counts(f"first_{index}", [f"second_{index}"], source)
     ]
-    trials = {source: [one.trials for one in counts if one.source == source] for source in paths.SOURCES}
+    trials = {source: [one.trials for one in counts if one.source == source] for source in OF_ALL_PAIRS}
     trials["learned"][3] = replace(trials["learned"][3], successes=0)
     trials[paths.RECONSTRUCTED] = content.trials[paths.RECONSTRUCTED]
     planned = plan(trials, content.harder, SETTINGS, EvaluateParameters())

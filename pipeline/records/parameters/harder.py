@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.section import Section
+from pipeline.records.sources import OF_ALL_PAIRS
 
 Overridden = TypeVar("Overridden", EvaluateParameters, PhysicsParameters)
 
@@ -16,11 +17,16 @@ Overridden = TypeVar("Overridden", EvaluateParameters, PhysicsParameters)
 class HarderSetting(Section):
     """What differs from the standard trials; everything else is theirs, grasps and seeds too."""
 
-    source: Literal["synthesized", "learned"] = Field(
-        description="Where the grasps come from: synthesis, or the model."
-    )
+    source: str = Field(description="Where the grasps come from: synthesis, or the model.")
     evaluate: dict[str, Any] = Field(description="Values that take the place of those in `evaluate`, by name.")
     physics: dict[str, Any] = Field(description="Values that take the place of those in `physics`, by name.")
+
+    @field_validator("source")
+    @classmethod
+    def _is_known(cls, source: str) -> str:
+        if source not in OF_ALL_PAIRS:
+            raise ValueError(f"there is no source {source!r} of all pairs; use one of {', '.join(OF_ALL_PAIRS)}")
+        return source
 
 
 class HarderParameters(Section):
