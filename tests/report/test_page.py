@@ -11,6 +11,7 @@ import pytest
 import trimesh
 from PIL import Image
 
+from pipeline.pictures.colours import fractions, hexadecimal
 from pipeline.pictures.decimation import decimated
 from pipeline.records import paths
 from pipeline.records.parameters.evaluate import EvaluateParameters
@@ -25,7 +26,7 @@ from pipeline.report.harder import PREFIX
 from pipeline.report.many import WORST_PAIRS, worst_pairs
 from pipeline.report.page import PageContent, Strip, build_page, result_sentence
 from pipeline.report.rates import MOST_PAIRS, PairTrials, single_grasp_funnel, wilson_interval
-from pipeline.report.scene import UNIT, fractions, hexadecimal, shape_record, shown_grasps
+from pipeline.report.scene import UNIT, shape_record, shown_grasps
 from pipeline.report.selection import plan
 from pipeline.report.settings import described
 from pipeline.report.summary import summarize
