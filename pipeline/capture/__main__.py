@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
 from pipeline.records.digests import digest, prepared_digest
-from pipeline.records.errors import UserError
 from pipeline.records.objects import load_prepared_object
 from pipeline.records.parameters import load_parameters, read_parameters
+from pipeline.records.parameters.names import require_name
 from pipeline.stages.code import own_fingerprint
 from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
 from pipeline.stages.outputs import Folders
@@ -35,11 +35,8 @@ def capture(only: str) -> None:
     """Render the captures that are not up to date, or one by hand."""
     parameters = load_parameters(sections())
     workers, renderings, seed = read_parameters().compute, parameters["renderings"], parameters["seed"]
-    if only and only not in renderings:
-        raise UserError(
-            f"params.yaml: there is no capture {only!r} under `renderings`; add it there, or use one of "
-            f"{', '.join(sorted(renderings)) or 'none yet'}."
-        )
+    if only:
+        require_name(only, renderings, "renderings", kind="capture")
     names = [only] if only else list(renderings)
     digests = {name: [prepared_digest(item) for item in renderings[name].objects] for name in names}
 

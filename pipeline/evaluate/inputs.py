@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
 from pipeline.records.digests import digest, prepared_digest
-from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_pairs
+from pipeline.records.parameters.names import require_name
 from pipeline.records.sources import SOURCES
 
 if TYPE_CHECKING:
@@ -38,8 +38,8 @@ def pairs_of(source: str, parameters: dict[str, Any], first: str = "") -> dict[s
         return load_pairs(first)
     chosen = parameters["reconstructed"]
     known = {name: tuple(item.side) for name, item in chosen.items()}
-    if first and first not in known:
-        raise UserError(f"params.yaml: there is no object {first!r} under `reconstructed`; add it there.")
+    if first:
+        require_name(first, known, "reconstructed")
     return {first: known[first]} if first else known
 
 

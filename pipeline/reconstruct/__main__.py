@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 from pipeline.records import paths
 from pipeline.records.captures import read_capture, read_truth
 from pipeline.records.digests import digest, folder_digest
-from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters, read_parameters
+from pipeline.records.parameters.names import require_name
 from pipeline.stages.code import own_fingerprint
 from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
 from pipeline.stages.outputs import Folders, files_in
@@ -44,11 +44,8 @@ def reconstruct(only: str) -> None:
     parameters = load_parameters(sections())
     workers, seed, settings = read_parameters().compute, parameters["seed"], parameters["reconstruct"]
     folders = {name: Path(item.folder) for name, item in parameters["captures"].items()}
-    if only and only not in folders:
-        raise UserError(
-            f"params.yaml: there is no capture {only!r} under `captures`; add it there, or use one of "
-            f"{', '.join(sorted(folders)) or 'none yet'}."
-        )
+    if only:
+        require_name(only, folders, "captures", kind="capture")
     names = [only] if only else list(folders)
     for name in names:  # what is wrong with a folder is said before the long work on others
         read_capture(folders[name])

@@ -25,6 +25,7 @@ from pipeline.records.digests import digest, file_digest, folder_digest, hand_di
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_pairs, load_parameters, read_parameters
 from pipeline.records.parameters.hand import ALLEGRO
+from pipeline.records.parameters.names import require_name
 from pipeline.stages.code import own_fingerprint
 from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
 from pipeline.stages.outputs import TablesWithFigures
@@ -119,8 +120,8 @@ class _Reconstructions:
     identity = paths.RECONSTRUCTED
 
     def __init__(self, chosen: dict[str, Any], only: str) -> None:
-        if only and only not in chosen:
-            raise UserError(f"params.yaml: there is no object {only!r} under `reconstructed`; add it there.")
+        if only:
+            require_name(only, chosen, "reconstructed")
         self._captures = {first: item.capture for first, item in chosen.items()}
         self.pairs = {first: tuple(item.side) for first, item in chosen.items() if only in ("", first)}
 

@@ -6,6 +6,7 @@ from typing import Any, TypeVar
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
+from pipeline.records.errors import first_mistake
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.section import Section
@@ -56,7 +57,4 @@ def overridden(standard: Overridden, values: dict[str, Any]) -> Overridden:
     try:
         return type(standard).model_validate({**standard.model_dump(by_alias=True), **values})
     except ValidationError as error:
-        first = error.errors()[0]
-        text = "unknown parameter (misspelt?)" if first["type"] == "extra_forbidden" else first["msg"]
-        where = ".".join(str(part) for part in first["loc"])
-        raise ValueError(f"{where + ': ' if where else ''}{text.removeprefix('Value error, ')}") from error
+        raise ValueError(first_mistake(error)) from error
