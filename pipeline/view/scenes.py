@@ -20,6 +20,7 @@ from pipeline.pictures.decimation import Mesh
 from pipeline.records.objects import PreparedObject
 from pipeline.records.poses import inverse_pose, pose_matrix, transform_points
 from pipeline.records.reconstructions import ReconstructedObject
+from pipeline.shapes.rays import ray_scene
 from pipeline.shapes.workplace import SPONGE_SIZE, SPONGE_X, TABLE_SIZE, TABLE_X
 from pipeline.view.drawing import Cloud, Drawing, Lines, Solid, grid, translations
 from pipeline.view.rows import FAILED, Colour
@@ -336,13 +337,5 @@ def reconstructions(
 
 def distance_to_mesh(points: NDArray[np.float64], mesh: Mesh) -> NDArray[np.float64]:
     """Return how far ``points`` (n, 3) are from the nearest point of a mesh, (n,), m; both in one frame."""
-    import open3d
-
-    rays = open3d.t.geometry.RaycastingScene(nthreads=1)
-    vertices, faces = mesh
-    rays.add_triangles(
-        open3d.core.Tensor(vertices.astype(np.float32)),
-        open3d.core.Tensor(np.ascontiguousarray(faces.astype(np.uint32))),
-    )
-    found = rays.compute_distance(open3d.core.Tensor(points.astype(np.float32)), nthreads=1)
-    return found.numpy().astype(np.float64)
+    found = ray_scene(mesh).compute_distance(points.astype(np.float32), nthreads=1)
+    return np.asarray(found.numpy(), np.float64)
