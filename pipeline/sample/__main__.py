@@ -15,8 +15,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +26,7 @@ from pipeline.records.parameters import load_pairs, load_parameters, read_parame
 from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.parameters.names import require_name
 from pipeline.stages.code import own_fingerprint
-from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
+from pipeline.stages.items import Keep, Stage, make_by_hand, make_items, one_by_one
 from pipeline.stages.outputs import TablesWithFigures
 from pipeline.stages.running import run_stage
 
@@ -80,18 +79,15 @@ def sample(source: str, only: str) -> None:
             keep(key, (output.rows(table), figures))
             print(f"{first} then {second}, {source}: {len(_accepted(table))} accepted of {len(table)} tried")
 
-        def begin(keys: Sequence[str], keep: Keep) -> list[tuple[str, Any]]:
-            return [(key, partial(work, key, keep)) for key in keys]
-
         keys = [(first, second) for first, seconds in seen.pairs.items() for second in seconds]
         if only:
-            make_by_hand(stage, ["/".join(key) for key in keys], begin, workers)
+            make_by_hand(stage, ["/".join(key) for key in keys], one_by_one(work), workers)
             return
         values = [parameters[name] for name in sections(source) if name not in ("styles", "pairs", "reconstructed")]
         files = [file_digest(paths.MODEL_FOLDER / name, "train") for name in ("model.json", "model.safetensors")]
         common = digest(own_fingerprint("sample"), source, values, files, hand_digest(ALLEGRO))
         fingerprints = {"/".join(key): digest(common, key, seen.digest(*key)) for key in keys}
-        make_items(stage, fingerprints, begin, workers)
+        make_items(stage, fingerprints, one_by_one(work), workers)
 
 
 class _Prepared:
