@@ -23,6 +23,7 @@ import yaml
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import Parameters, read_parameters
+from pipeline.records.sources import OF_ALL_PAIRS
 from pipeline.records.tables import TRIALS, read_table
 from pipeline.records.writing import whole_file
 from pipeline.stages.running import command
@@ -53,7 +54,7 @@ def all_trials(parameters: Parameters) -> pd.DataFrame:
     """
     files = {
         (source, first): (paths.trials_file(source, first), f"evaluate@{source}")
-        for source in paths.SOURCES
+        for source in OF_ALL_PAIRS
         for first, seconds in parameters.partners().items()
         if seconds
     }

@@ -9,6 +9,7 @@ from typing import Any
 import pandas as pd
 
 from pipeline.records.parameters.pairs import partners
+from pipeline.records.sources import OF_ALL_PAIRS
 from pipeline.report.paper import (
     MEAN_SUCCESS,
     MINIMUM_SUCCESS,
@@ -19,7 +20,7 @@ from pipeline.report.paper import (
 )
 from pipeline.report.rates import PairTrials, mean, pair_trials, wilson_interval
 
-STANDARD = {"synthesized": "SG", "learned": "LG"}
+STANDARD = {name: source.abbreviation for name, source in OF_ALL_PAIRS.items()}
 STAGES = ("prepare", "synthesize", "validate", "merge", "train", "sample", "evaluate", "evaluate-harder")
 # Names in results that were published before stages were named by style and source.
 EARLIER_SOURCES = {"data/merge": "synthesized", "data/train": "learned"}
@@ -97,7 +98,8 @@ def headline(trials: pd.DataFrame, pairs: Sequence[tuple[str, str]]) -> str:
             lambda own: f"{len(own)}, {sum(pair.trials for pair in own)}",
         ),
     ]
-    return markdown(["", "SG", "paper's SG", "LG", "paper's LG"], rows)
+    header = [cell for name in STANDARD.values() for cell in (name, f"paper's {name}")]
+    return markdown(["", *header], rows)
 
 
 def matrix(trials: pd.DataFrame, source: str, parameters: Parameters) -> str:

@@ -23,6 +23,7 @@ from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters
 from pipeline.records.poses import pose_matrix, transform_points
+from pipeline.records.sources import OF_ALL_PAIRS, SOURCES
 from pipeline.stages.running import command
 
 if TYPE_CHECKING:
@@ -33,8 +34,8 @@ if TYPE_CHECKING:
     from pipeline.records.objects import PreparedObject
     from pipeline.records.parameters.evaluate import EvaluateParameters
 
-PREPARED = (paths.merged_file("x").parent, paths.sampled_file("learned", "x").parent)  # grasps of prepared objects
-PHOTOGRAPHED = paths.sampled_file(paths.RECONSTRUCTED, "x").parent  # grasps of objects as photos show them
+PREPARED = tuple(source.folder for source in OF_ALL_PAIRS.values())  # grasps of prepared objects
+PHOTOGRAPHED = SOURCES[paths.RECONSTRUCTED].folder  # grasps of objects as photos show them
 BASE_HEIGHT = 0.003  # m over an object's lowest point, within which it is taken to stand on the sponge
 
 
@@ -204,10 +205,10 @@ def _placed(names: tuple[str, str], places: Places, settings: EvaluateParameters
 
 def _captured(names: tuple[str, str], places: Places, settings: EvaluateParameters) -> Table:
     """Return all objects of a capture as photos show them, standing on the sponge as they stood on their support."""
-    from pipeline.evaluate.scene import SPONGE_X
     from pipeline.plan.proposal import StandingObject, Table
     from pipeline.records.reconstructions import load_reconstructed_object, load_reconstruction_metrics
     from pipeline.shapes.solids import object_of_reconstruction
+    from pipeline.shapes.workplace import SPONGE_X
 
     assert places.capture
     x, y, degrees = places.scene or (SPONGE_X, 0.0, 0.0)
@@ -235,7 +236,7 @@ def _captured(names: tuple[str, str], places: Places, settings: EvaluateParamete
 
 def _check_on_sponge(name: str, prepared: PreparedObject, T: NDArray[np.float64]) -> None:
     """Refuse a place where what an object stands on would reach over the edge; ``T`` (4, 4) is its pose."""
-    from pipeline.evaluate.scene import SPONGE_SIZE, SPONGE_X
+    from pipeline.shapes.workplace import SPONGE_SIZE, SPONGE_X
 
     base = prepared.vertices[prepared.vertices[:, 2] < prepared.bottom + BASE_HEIGHT]
     inside = np.abs(transform_points(T, base)[:, :2] - [SPONGE_X, 0.0]) <= SPONGE_SIZE / 2

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from pipeline.records import paths
-from pipeline.records.errors import UserError
+from pipeline.records.errors import UserError, first_mistake
 from pipeline.records.poses import pose_matrix
 from pipeline.records.texts import parse_json, parse_yaml
 
@@ -218,11 +218,7 @@ def _read_yaml(path: Path, model: type[Model]) -> Model:
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        text = "unknown key (misspelt?)" if first["type"] == "extra_forbidden" else first["msg"]
-        where, text = f"{where}: " if where else "", text.removeprefix("Value error, ")
-        raise UserError(f"{path}: {where}{text}; docs/capture.md shows what it holds.") from error
+        raise UserError(f"{path}: {first_mistake(error, 'key')}; docs/capture.md shows what it holds.") from error
 
 
 def _images(folder: Path) -> tuple[Path, ...]:

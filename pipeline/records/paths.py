@@ -20,9 +20,10 @@ DURATIONS_FILE = Path("reports/durations.json")
 TRACKING_DATABASE = Path("mlflow.db")
 TRACKING_ARTIFACTS = Path("mlartifacts")
 
-# Where the grasps of trials come from.
-SOURCES = ("synthesized", "learned")  # of all pairs
-RECONSTRUCTED = "reconstructed"  # of the pairs under `reconstructed` in params.yaml
+# Names of sources of grasps, see `records.sources`.
+SYNTHESIZED = "synthesized"
+LEARNED = "learned"
+RECONSTRUCTED = "reconstructed"
 
 
 def prepared_folder(object_name: str) -> Path:

@@ -55,6 +55,17 @@ def check_writable(target: Path) -> None:
 
 
 @contextmanager
+def _explaining(target: Path) -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:
+        explained = _explain(error, target)
+        if explained is error:
+            raise
+        raise explained from error
+
+
+@contextmanager
 def whole_file(target: Path) -> Iterator[Path]:
     """Yield a temporary path beside ``target`` that is renamed to it if the block succeeds.
 
@@ -63,14 +74,10 @@ def whole_file(target: Path) -> Iterator[Path]:
     """
     temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        yield temporary
-        os.replace(temporary, target)
-    except Exception as error:
-        explained = _explain(error, target)
-        if explained is error:
-            raise
-        raise explained from error
+        with _explaining(target):
+            target.parent.mkdir(parents=True, exist_ok=True)
+            yield temporary
+            os.replace(temporary, target)
     finally:
         if temporary.exists():
             temporary.unlink()
@@ -85,15 +92,11 @@ def whole_folder(target: Path) -> Iterator[Path]:
     """
     temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:
-        shutil.rmtree(temporary, ignore_errors=True)  # of a killed process that had the same number
-        temporary.mkdir(parents=True)
-        yield temporary
-        replace_folder(temporary, target)
-    except Exception as error:
-        explained = _explain(error, target)
-        if explained is error:
-            raise
-        raise explained from error
+        with _explaining(target):
+            shutil.rmtree(temporary, ignore_errors=True)  # of a killed process that had the same number
+            temporary.mkdir(parents=True)
+            yield temporary
+            replace_folder(temporary, target)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pipeline.compute.fan_out import fan_out
 from pipeline.pictures.camera import framing
+from pipeline.pictures.colours import OBJECT_COLOURS, hexadecimal
 from pipeline.pictures.decimation import Mesh, decimated
 from pipeline.pictures.render import Body, corner_normals, render
 from pipeline.pictures.robot import hand_bodies
@@ -32,11 +33,8 @@ from pipeline.report.scene import (
     GRASPS_PER_PAIR,
     MOST_FACES,
     MOST_LINK_FACES,
-    OBJECT_COLOURS,
-    fractions,
     grasp_record,
     grasp_row,
-    hexadecimal,
     object_pose,
     shape_record,
     shown_grasps,
@@ -187,8 +185,7 @@ def _placed_links(q: NDArray[np.float64]) -> list[tuple[str, NDArray[np.float64]
 def _bodies(meshes: Sequence[Mesh]) -> list[Body]:
     """Return both objects of a pair in their own frames."""
     return [
-        Body(*mesh, fractions(colour), normals=corner_normals(*mesh))
-        for mesh, colour in zip(meshes, OBJECT_COLOURS, strict=True)
+        Body(*mesh, colour, normals=corner_normals(*mesh)) for mesh, colour in zip(meshes, OBJECT_COLOURS, strict=False)
     ]
 
 

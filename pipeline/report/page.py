@@ -8,6 +8,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from pipeline.records.sources import SOURCES
 from pipeline.report import paper
 from pipeline.report.charts import (
     MOST_CELLS,
@@ -54,11 +55,7 @@ OPENING_PICTURES = 6
 MOST_SETTINGS = 120  # rows of one section of params.yaml
 MOST_LETTERS = 400  # of one value
 PAIR_KEY = "pair-"
-SOURCE_TITLES = {
-    "synthesized": "synthesized grasps",
-    "learned": "grasps of the learned model",
-    "reconstructed": "grasps of the learned model for reconstructed objects",
-}
+SOURCE_TITLES = {name: source.title for name, source in SOURCES.items()}
 
 
 @dataclass(frozen=True)

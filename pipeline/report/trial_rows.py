@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.records import paths
+from pipeline.records.sources import SOURCES
 from pipeline.report.embedding import FoldedTable
 
 HEADERS = (
@@ -27,7 +27,6 @@ HEADERS = (
     "physics steps",
 )
 REPLAY = "run again"
-REPLAYED = (*paths.SOURCES, paths.RECONSTRUCTED)  # whose trials ./dev replay runs; those of harder settings it does not
 UNKNOWN = "–"
 
 
@@ -45,7 +44,7 @@ def trials_table(source: str, first: str, second: str, trials: pd.DataFrame) -> 
     """Return the trials of one pair; ``trials`` may hold other pairs too."""
     own = trials[(trials["object0"] == first) & (trials["object1"] == second)].sort_values("trial")
     rows = [trial_row(row) for row in own.to_dict("records")]
-    if source not in REPLAYED:
+    if source not in SOURCES:  # of a harder setting, whose trials `./dev replay` does not run
         return FoldedTable(HEADERS, rows)
     commands = [replay_command(source, first, second, int(trial)) for trial in own["trial"]]
     headers = (*HEADERS[:2], REPLAY, *HEADERS[2:])

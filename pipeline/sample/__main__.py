@@ -14,8 +14,7 @@ point clouds in metres, and writes grasps.parquet, grasps.json and grasps.html.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,8 +23,9 @@ from pipeline.records.digests import digest, file_digest, folder_digest, hand_di
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import chosen_pairs, load_with_workers
 from pipeline.records.parameters.hand import ALLEGRO
+from pipeline.records.parameters.names import require_name
 from pipeline.stages.code import own_fingerprint
-from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
+from pipeline.stages.items import Keep, Stage, make_by_hand, make_items, one_by_one
 from pipeline.stages.outputs import TablesWithFigures
 from pipeline.stages.running import command, run_stage
 
@@ -81,18 +81,15 @@ def sample(source: str, only: str) -> None:
             keep(key, (output.rows(table), figures))
             print(f"{first} then {second}, {source}: {len(_accepted(table))} accepted of {len(table)} tried")
 
-        def begin(keys: Sequence[str], keep: Keep) -> list[tuple[str, Any]]:
-            return [(key, partial(work, key, keep)) for key in keys]
-
         keys = [(first, second) for first, seconds in seen.pairs.items() for second in seconds]
         if only:
-            make_by_hand(stage, ["/".join(key) for key in keys], begin, workers)
+            make_by_hand(stage, ["/".join(key) for key in keys], one_by_one(work), workers)
             return
         values = [parameters[name] for name in sections(source) if name not in ("styles", "pairs", "reconstructed")]
         files = [file_digest(paths.MODEL_FOLDER / name, "train") for name in ("model.json", "model.safetensors")]
         common = digest(own_fingerprint("sample"), source, values, files, hand_digest(ALLEGRO))
         fingerprints = {"/".join(key): digest(common, key, seen.digest(*key)) for key in keys}
-        make_items(stage, fingerprints, begin, workers)
+        make_items(stage, fingerprints, one_by_one(work), workers)
 
 
 class _Prepared:
@@ -121,8 +118,8 @@ class _Reconstructions:
     identity = paths.RECONSTRUCTED
 
     def __init__(self, chosen: dict[str, Any], only: str) -> None:
-        if only and only not in chosen:
-            raise UserError(f"params.yaml: there is no object {only!r} under `reconstructed`; add it there.")
+        if only:
+            require_name(only, chosen, "reconstructed")
         self._captures = {first: item.capture for first, item in chosen.items()}
         self.pairs = {first: tuple(item.side) for first, item in chosen.items() if only in ("", first)}
 

@@ -8,23 +8,31 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 
 from pipeline.records import paths
 from pipeline.records.objects import PreparedObject
+from pipeline.records.sources import SOURCES
+from pipeline.records.tables import CHECKED, description
 from pipeline.report.meanings import MERGE, SYNTHESIS, TRIALS, VALIDATION, meaning_of
 from pipeline.view.rows import Colour
-from pipeline.view.tables import GRASP_FOLDERS, HARDER
+from pipeline.view.tables import HARDER
 
-MEANINGS = {**SYNTHESIS, **VALIDATION, **TRIALS}  # of what rejects single grasps, and of reasons of trials
+SINGLE = {**SYNTHESIS, **VALIDATION}  # of what rejects single grasps
+
+
+def _measured(column: pa.Field) -> tuple[str, int]:
+    unit = description(column).partition(",")[0]
+    return ("mm" if unit == "m" else unit), 2
+
+
 # Columns that are told, with unit and digits.
 GRASP_COLUMNS = {
     "energy": ("", 3),
     "energy_force_closure": ("", 3),
     "energy_distance": ("mm", 2),
     "energy_penetration": ("mm", 2),
-    "table_approach_push": ("mm", 2),
-    "table_drift": ("mm", 2),
-    "settling_drift": ("mm", 2),
+    **{column.name: _measured(column) for column in CHECKED if column.type == pa.float64()},
     "object_clearance": ("mm", 2),
     "hand_clearance": ("mm", 2),
     "mount_clearance": ("mm", 2),
@@ -52,7 +60,7 @@ def _numbers(row: Mapping[str, Any], columns: Mapping[str, tuple[str, int]]) -> 
 def grasp_facts(row: Mapping[str, Any]) -> str:
     """Return what a row of candidates, validated or two-object grasps says."""
     rejected_by = row["rejected_by"]
-    meanings = MERGE if "merged_id" in row else MEANINGS
+    meanings = MERGE if "merged_id" in row else SINGLE
     told = "passed all checks"
     if rejected_by:
         meaning = meaning_of(rejected_by, meanings)
@@ -116,8 +124,9 @@ def related(line: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, str]:
             "pinch": f"validate/pinch/{first}/{row['grasp0_id']}",
             "side": f"validate/side/{second}/{row['grasp1_id']}",
         }
-    if view == "evaluate" and row["merged_id"] >= 0 and source in GRASP_FOLDERS:
-        return {"its grasp": f"{GRASP_FOLDERS[source]}/{first}/{second}/{row['merged_id']}"}
+    if view == "evaluate" and row["merged_id"] >= 0 and source in SOURCES:
+        folder = "/".join(SOURCES[source].folder.parts[1:])
+        return {"its grasp": f"{folder}/{first}/{second}/{row['merged_id']}"}
     if view == "sample" and source == paths.RECONSTRUCTED:
         return {first: f"prepare/{first}", second: f"prepare/{second}"}
     return {"object": f"prepare/{first}"} if view == "reconstruct" else {}

@@ -5,9 +5,6 @@ All browsers that look at one server see the same. What a choice means is decide
 
 from __future__ import annotations
 
-import contextlib
-import io
-import socket
 import threading
 import time
 from collections.abc import Callable
@@ -20,6 +17,7 @@ import pandas as pd
 from pipeline.hand.model import load_hand
 from pipeline.pictures.decimation import Mesh
 from pipeline.pictures.render import corner_normals
+from pipeline.pictures.serving import check_host, start_server
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.poses import inverse_pose, position_quaternion, transform_points
@@ -98,11 +96,7 @@ class Page:
         Raises:
             UserError: nothing can be served there, or there is no such row.
         """
-        try:
-            with socket.socket() as probe:
-                probe.bind((host, 0))
-        except OSError as error:
-            raise UserError(f"nothing can be served on --host {host} ({error.strerror}); leave it away.") from error
+        check_host(host)
         self.library = library
         self.view = OBJECTS
         self.filters = dict.fromkeys(rows.FILTERS, rows.ANY)
@@ -115,10 +109,7 @@ class Page:
         self._framed: tuple[Any, ...] = ()
         if start:
             self._choose(start)
-        import viser
-
-        with contextlib.redirect_stdout(io.StringIO()):  # its own notice
-            self.server = viser.ViserServer(host=host, port=port, label="grasps", verbose=False)
+        self.server = start_server(host, port, "grasps")
         self.address = f"http://{host}:{self.server.get_port()}"
         self.server.scene.set_up_direction("+z")
         self.server.initial_camera.fov = float(np.radians(FIELD_OF_VIEW))

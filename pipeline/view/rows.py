@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from pipeline.records import paths
 from pipeline.records.errors import UserError
+from pipeline.records.sources import SOURCES
 from pipeline.view.tables import HARDER, PREFIXES
 
 # Columns of an index: one line per row of all tables of a view.
@@ -83,7 +83,7 @@ def tidy_name(text: str) -> str:
     of tables (``data/merge/cube.parquet``).
     """
     parts = text.strip().strip("/").removeprefix("data/").removesuffix(".parquet").split("/")
-    if parts[0] in (*paths.SOURCES, paths.RECONSTRUCTED, HARDER.strip("/")):
+    if parts[0] in (*SOURCES, HARDER.strip("/")):
         parts.insert(0, "evaluate")
     if parts[0] == "reconstruct" and parts[2:3] == ["objects"]:
         del parts[2]

@@ -11,11 +11,13 @@ import pytest
 import trimesh
 from PIL import Image
 
+from pipeline.pictures.colours import fractions, hexadecimal
 from pipeline.pictures.decimation import decimated
 from pipeline.records import paths
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.report import ReportParameters
 from pipeline.records.poses import pose_matrix
+from pipeline.records.sources import OF_ALL_PAIRS, SOURCES
 from pipeline.report.charts import heat_map, histogram, ordered_categories, scale_colour, stacked_bars, table
 from pipeline.report.chosen_trials import choose_trials, chosen_moments
 from pipeline.report.embedding import FoldedTable
@@ -24,7 +26,7 @@ from pipeline.report.harder import PREFIX
 from pipeline.report.many import WORST_PAIRS, worst_pairs
 from pipeline.report.page import PageContent, Strip, build_page, result_sentence
 from pipeline.report.rates import MOST_PAIRS, PairTrials, single_grasp_funnel, wilson_interval
-from pipeline.report.scene import UNIT, fractions, hexadecimal, shape_record, shown_grasps
+from pipeline.report.scene import UNIT, shape_record, shown_grasps
 from pipeline.report.selection import plan
 from pipeline.report.settings import described
 from pipeline.report.summary import summarize
@@ -32,7 +34,7 @@ from pipeline.report.trial_rows import trials_table
 from tests.browser import needs_chromium, open_tab
 from tests.report import made_up
 
-ALL_SOURCES = (*paths.SOURCES, paths.RECONSTRUCTED)
+ALL_SOURCES = tuple(SOURCES)
 
 
 class Balance(HTMLParser):
@@ -259,11 +261,11 @@ def many_content(content: PageContent, count: int) -> PageContent:
     """So many pairs of two sources, and the few reconstructed ones: of `first_3` none succeeds, of all others one."""
     counts = [
         one
-        for source in paths.SOURCES
+        for source in OF_ALL_PAIRS
         for index in range(count)
         for one in made_up.counts(f"first_{index}", [f"second_{index}"], source)
     ]
-    trials = {source: [one.trials for one in counts if one.source == source] for source in paths.SOURCES}
+    trials = {source: [one.trials for one in counts if one.source == source] for source in OF_ALL_PAIRS}
     trials["learned"][3] = replace(trials["learned"][3], successes=0)
     trials[paths.RECONSTRUCTED] = content.trials[paths.RECONSTRUCTED]
     planned = plan(trials, content.harder, SETTINGS, EvaluateParameters())

@@ -21,13 +21,14 @@ import yaml
 from pydantic import Field, ValidationError, model_validator
 
 from pipeline.records import paths
-from pipeline.records.errors import UserError
+from pipeline.records.errors import UserError, first_mistake
 from pipeline.records.parameters.capture import CaptureParameters, ReconstructedParameters, RenderingParameters
 from pipeline.records.parameters.compute import ComputeParameters
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.hand import ALLEGRO, description_file, read_description
 from pipeline.records.parameters.harder import HarderParameters, overridden
 from pipeline.records.parameters.merge import MergeParameters
+from pipeline.records.parameters.names import require_name
 from pipeline.records.parameters.objects import MeshParameters, ObjectParameters, StylesParameters
 from pipeline.records.parameters.pairs import PairsParameter, partners
 from pipeline.records.parameters.physics import PhysicsParameters
@@ -240,16 +241,6 @@ def _inside(path: str, folder: Path) -> bool:
     return Path(path).is_relative_to(folder) and Path(path) != folder and ".." not in Path(path).parts
 
 
-def _one_sentence(error: ValidationError, source: Path) -> str:
-    first = error.errors()[0]
-    where = ".".join(str(part) for part in first["loc"])
-    text = first["msg"].removeprefix("Value error, ")
-    if first["type"] == "extra_forbidden":
-        text = "unknown parameter (misspelt?)"
-    more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
-    return f"{source}: {where + ': ' if where else ''}{text}; correct it there{more}."
-
-
 def read_parameters(source: Path = paths.PARAMETERS_FILE) -> Parameters:
     """Read and check all parameters.
 
@@ -269,7 +260,8 @@ def read_parameters(source: Path = paths.PARAMETERS_FILE) -> Parameters:
     try:
         return Parameters.model_validate(content)
     except ValidationError as error:
-        raise UserError(_one_sentence(error, source)) from error
+        more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
+        raise UserError(f"{source}: {first_mistake(error)}; correct it there{more}.") from error
 
 
 def load_parameters(sections: Collection[str], source: Path = paths.PARAMETERS_FILE) -> dict[str, Any]:
@@ -333,13 +325,8 @@ def _section(parameters: Parameters, name: str, source: Path) -> Any:
     value: Any = parameters
     for part in name.split("."):
         if isinstance(value, dict):
-            if part not in value:
-                known = ", ".join(sorted(value)) or "none yet"
-                section = name.split(".")[0]
-                raise UserError(
-                    f"{source}: there is no {_KINDS.get(section, 'object')} {part!r} under `{section}`; add it there, "
-                    f"or use one of {known}."
-                )
+            section = name.split(".")[0]
+            require_name(part, value, section, kind=_KINDS.get(section, "object"), source=source)
             value = value[part]
         else:
             value = getattr(value, "validate_" if part == "validate" else part)

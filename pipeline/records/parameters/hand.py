@@ -14,7 +14,7 @@ from typing import Literal, Self
 import yaml
 from pydantic import Field, ValidationError, model_validator
 
-from pipeline.records.errors import UserError
+from pipeline.records.errors import UserError, first_mistake
 from pipeline.records.parameters.section import Section
 
 HANDS_FOLDER = Path(__file__).resolve().parents[3] / "hands"
@@ -281,9 +281,4 @@ def read_description(file: Path) -> HandDescription:
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise UserError(f"{file} is not valid YAML: {' '.join(str(error).split())}; correct it there.") from error
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        text = first["msg"].removeprefix("Value error, ")
-        if first["type"] == "extra_forbidden":
-            text = "unknown field (misspelt?)"
-        raise UserError(f"{file}: {where + ': ' if where else ''}{text}; correct it there.") from error
+        raise UserError(f"{file}: {first_mistake(error, 'field')}; correct it there.") from error

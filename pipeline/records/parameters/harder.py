@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
+from pipeline.records.errors import first_mistake
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.section import Section
+from pipeline.records.sources import OF_ALL_PAIRS
 
 Overridden = TypeVar("Overridden", EvaluateParameters, PhysicsParameters)
 
@@ -16,11 +18,16 @@ Overridden = TypeVar("Overridden", EvaluateParameters, PhysicsParameters)
 class HarderSetting(Section):
     """What differs from the standard trials; everything else, grasps and seeds included, stays the same."""
 
-    source: Literal["synthesized", "learned"] = Field(
-        description="Source of the grasps: synthesis, or the learned model."
-    )
+    source: str = Field(description="Source of the grasps: synthesis, or the learned model.")
     evaluate: dict[str, Any] = Field(description="Values that replace those of `evaluate`, by parameter name.")
     physics: dict[str, Any] = Field(description="Values that replace those of `physics`, by parameter name.")
+
+    @field_validator("source")
+    @classmethod
+    def _is_known(cls, source: str) -> str:
+        if source not in OF_ALL_PAIRS:
+            raise ValueError(f"there is no source {source!r} of all pairs; use one of {', '.join(OF_ALL_PAIRS)}")
+        return source
 
 
 class HarderParameters(Section):
@@ -53,7 +60,4 @@ def overridden(standard: Overridden, values: dict[str, Any]) -> Overridden:
     try:
         return type(standard).model_validate({**standard.model_dump(by_alias=True), **values})
     except ValidationError as error:
-        first = error.errors()[0]
-        text = "unknown parameter (misspelt?)" if first["type"] == "extra_forbidden" else first["msg"]
-        where = ".".join(str(part) for part in first["loc"])
-        raise ValueError(f"{where + ': ' if where else ''}{text.removeprefix('Value error, ')}") from error
+        raise ValueError(first_mistake(error)) from error
