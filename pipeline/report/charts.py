@@ -18,6 +18,8 @@ PASSED_COLOUR = "#1b7f6b"
 CATEGORY_COLOURS = ("#e69f00", "#56b4e9", "#cc79a7", "#d55e00", "#0072b2", "#f0e442", "#8c8c8c", "#5b3a8c", "#a8763e")
 MOST_CELLS = 256  # of a heat map: the pairs of sixteen objects with sixteen; a map of more is mostly empty
 MOST_BARS = 32  # in one piece; more would not fit a sheet of paper
+BINS = 20  # of a histogram
+PERCENT_EDGES = range(0, 101, 100 // BINS)
 _LOW, _HIGH = (251, 243, 226), (20, 110, 95)
 
 Counts = Mapping[str, int]  # per category

@@ -7,14 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from markupsafe import Markup
 
-from pipeline.report.charts import explanations, histogram, spread_table, stacked_bars
+from pipeline.report.charts import BINS, explanations, histogram, spread_table, stacked_bars
 from pipeline.report.counting import SYNTHESIZED, PairCounts
 from pipeline.report.meanings import MERGE
 from pipeline.report.rates import MOST_PAIRS, PairMerge, spread, summed
 from pipeline.report.rendering import render
 from pipeline.report.wording import PASSED, pair_title
-
-BINS = 20
 
 
 def merge_section(merges: Sequence[PairMerge], counts: Sequence[PairCounts], drift_limit: float) -> Markup:

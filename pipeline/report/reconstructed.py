@@ -61,7 +61,7 @@ def _cameras_table(found: Mapping[str, Reconstructed]) -> Table:
             + [str(own["tags_located"]), _figure(own, "alignment_mm"), _figure(own, "camera_mm_mean")]
         )
     headers = ["capture", "pictures", "surface by", "cameras found", "reprojection error (px)"]
-    headers += ["tags located", "tags off their layout (mm)", "cameras off the truth (mm)"]
+    headers += ["tags located", "tag error (mm)", "camera error (mm)"]
     return Table(headers, rows)
 
 
@@ -75,7 +75,7 @@ def _objects_table(found: Mapping[str, Reconstructed]) -> Table:
                 + [_figure(own, key) for key in ("chamfer_mm", "accuracy_mm", "completeness_mm")]
                 + [percent(own["f_score_2mm"]) if "f_score_2mm" in own else UNKNOWN]
             )
-    headers = ["object (capture)", "points measured", "of the surface seen", "volume (cm³)"]
+    headers = ["object (capture)", "points measured", "surface seen", "volume (cm³)"]
     headers += ["chamfer (mm)", "found to true (mm)", "true to found (mm)", "F-score at 2 mm"]
     return Table(headers, rows)
 
@@ -92,7 +92,7 @@ def reconstructed_section(found: Mapping[str, Reconstructed]) -> Markup:
         capture: [
             (picture, f"{photo}: {what}", _shape(picture))
             for photo, both in one.pictures.items()
-            for what, picture in zip(("as taken", "what was found"), both, strict=True)
+            for what, picture in zip(("as taken", "reconstruction"), both, strict=True)
         ]
         for capture, one in found.items()
     }

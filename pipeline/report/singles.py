@@ -7,14 +7,22 @@ from collections.abc import Sequence
 from markupsafe import Markup
 
 from pipeline.report import paper
-from pipeline.report.charts import Counts, Histogram, Table, explanations, histogram, spread_table, stacked_bars
+from pipeline.report.charts import (
+    PERCENT_EDGES,
+    Counts,
+    Histogram,
+    Table,
+    explanations,
+    histogram,
+    spread_table,
+    stacked_bars,
+)
 from pipeline.report.embedding import FoldedTable
 from pipeline.report.meanings import SYNTHESIS, VALIDATION
 from pipeline.report.rates import MOST_PAIRS, Funnel, ratio, spread, summed
 from pipeline.report.rendering import render
 from pipeline.report.wording import PASSED, UNKNOWN, percent, singles_key, spoken
 
-PERCENT_EDGES = range(0, 101, 5)
 HEADERS = (
     "object",
     "chains",

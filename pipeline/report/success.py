@@ -9,6 +9,8 @@ from markupsafe import Markup
 from pipeline.report import paper
 from pipeline.report.charts import (
     MOST_CELLS,
+    PERCENT_EDGES,
+    Cell,
     HeatCell,
     HeatMap,
     Link,
@@ -36,7 +38,6 @@ from pipeline.report.wording import (
 )
 
 WORST_OBJECTS = 10  # of each place in a pair
-PERCENT_EDGES = range(0, 101, 5)
 OBJECT_HEADERS = (
     "object",
     "pairs",
@@ -97,7 +98,7 @@ def pairs_table(source: str, pairs: Sequence[PairTrials], summary: Mapping[str, 
     """Return every pair's rates with intervals, and the means of the summary."""
     headers = ["pair", "trials", "successes", f"success ({criterion})", "95 % interval", "success (10 cm)"]
     headers += ["no plan found", "grasps in reach"]
-    rows = [
+    rows: list[list[Cell]] = [
         [
             Link(pair_title(p.first, p.second), trials_key(source, p.first, p.second)),
             *(str(p.trials), str(p.successes), percent(p.success_rate)),

@@ -115,13 +115,6 @@ def test_index_names_every_row(project: Path) -> None:
     assert sponge_height(library.parameters, "learned") == 0.1
 
 
-def test_a_row_is_that_of_the_table(project: Path) -> None:
-    library = Library(read_parameters())
-    line = library.index(MERGED_VIEW)[0].iloc[1]
-    assert line["name"] == "merge/cube/soup_can/1"
-    np.testing.assert_array_equal(library.row(line)["q"], np.full(16, 0.1))
-
-
 def test_pairs_share_a_table_and_have_rows_of_their_own(project: Path) -> None:
     pairs = [made_up.merged("cube", "soup_can"), made_up.merged("cube", "mug", accepted=3)]
     write_table(paths.merged_file("cube"), pd.concat(pairs), MERGED)
@@ -130,6 +123,7 @@ def test_pairs_share_a_table_and_have_rows_of_their_own(project: Path) -> None:
     assert list(index["second"]) == ["soup_can"] * 3 + ["mug"] * 4
     row = library.row(index.loc["merge/cube/mug/2"])
     assert (row["object1"], row["merged_id"]) == ("mug", 2)
+    np.testing.assert_array_equal(row["q"], np.full(16, 0.2))
 
 
 def test_tables_are_read_again_when_they_change_and_only_then(project: Path) -> None:
@@ -151,12 +145,9 @@ def test_a_damaged_table_is_a_sentence_beside_the_others(project: Path) -> None:
     assert len(sentences) == 1 and "damaged" in sentences[0] and "`dvc repro synthesize@pinch`" in sentences[0]
 
 
-def test_page_begins_with_the_objects(page: Page) -> None:
+def test_page_begins_with_the_objects_and_leads_through_every_view(page: Page) -> None:
     assert {"object/cube", "object/soup_can", "part/cube/01"} <= shown(page, "solid")
     assert not page.panel.notice.visible and page.panel.view.value == OBJECTS
-
-
-def test_page_leads_through_every_view(page: Page) -> None:
     page.act(lambda: turned_to(VALIDATED_VIEW))
     assert page.panel.legend.content.count(": 4<") == 1  # passed; distance: 2, gravity: 2
     assert shown(page, "label") == {f"{number:03d}" for number in range(8)}
