@@ -29,7 +29,7 @@ from pipeline.report.rates import (
 
 STYLES = ("pinch", "side")
 SYNTHESIZED, LEARNED = paths.SYNTHESIZED, paths.LEARNED
-FATES = ("object1", "grasp0_id", "grasp1_id", "gravity_drift", "rejected_by")
+GRASP_COLUMNS = ("object1", "grasp0_id", "grasp1_id", "gravity_drift", "rejected_by")
 
 
 @dataclass(frozen=True)
@@ -86,12 +86,12 @@ class Counts:
 
     @property
     def merges(self) -> list[PairMerge]:
-        """Fates of combinations of synthesized grasps, per pair."""
+        """Outcomes of combinations of synthesized grasps, per pair."""
         return [pair.grasps for pair in self.synthesized]
 
     @property
     def samples(self) -> list[PairMerge]:
-        """Fates of samples of the model, per pair."""
+        """Outcomes of samples of the model, per pair."""
         return [pair.grasps for pair in self.pairs if pair.source == LEARNED]
 
     @property
@@ -169,14 +169,14 @@ def count_first(item: First) -> list[PairCounts]:
     Raises:
         UserError: a table is missing or damaged.
     """
-    grasps = read_columns(*grasps_of(item.source, item.first), FATES)
+    grasps = read_columns(*grasps_of(item.source, item.first), GRASP_COLUMNS)
     trials = read_columns(*trials_of(item.source, item.first), OUTCOMES)
     return [pair_counts(item.source, item.first, second, grasps, trials) for second in item.seconds]
 
 
 def pair_counts(source: str, first: str, second: str, grasps: Columns, trials: Columns) -> PairCounts:
     """Count one pair; both tables may hold other pairs with the same first object too."""
-    own = [row for row in zip(*(grasps[name] for name in FATES), strict=True) if row[0] == second]
+    own = [row for row in zip(*(grasps[name] for name in GRASP_COLUMNS), strict=True) if row[0] == second]
     accepted = [row for row in own if row[-1] == ""]
     return PairCounts(
         source=source,

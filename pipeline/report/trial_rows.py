@@ -10,6 +10,7 @@ import pandas as pd
 
 from pipeline.records.sources import SOURCES
 from pipeline.report.embedding import FoldedTable
+from pipeline.report.wording import SUCCESS, UNKNOWN
 
 HEADERS = (
     "trial",
@@ -27,12 +28,6 @@ HEADERS = (
     "physics steps",
 )
 REPLAY = "run again"
-UNKNOWN = "–"
-
-
-def trials_key(source: str, first: str, second: str) -> str:
-    """Return the id of the table of a pair's trials; ``source`` may also be a harder setting."""
-    return f"trials-{source}-{first}--{second}"
 
 
 def replay_command(source: str, first: str, second: str, trial: int) -> str:
@@ -55,7 +50,7 @@ def trial_row(trial: Mapping[Any, Any]) -> list[str]:
     """Return the cells of one trial (a row of a trials table) under ``HEADERS``."""
     return [
         str(trial["trial"]),
-        "success" if trial["success"] else str(trial["reason"]),
+        SUCCESS if trial["success"] else str(trial["reason"]),
         str(trial["phase"]),
         "yes" if trial["success_10cm"] else "no",
         str(trial["merged_id"]) if trial["merged_id"] >= 0 else UNKNOWN,

@@ -49,7 +49,7 @@ JOINTS = {"grasp": "q", "squeeze": "squeeze_q", "open": "open_q", "open first": 
 
 @dataclass(frozen=True)
 class Layers:
-    """What is drawn beside the grasp itself."""
+    """What is drawn besides the grasp itself."""
 
     contacts: bool = True
     samples: bool = False  # of the object's surface
@@ -273,7 +273,7 @@ def _box(name: str, size: Sequence[float], centre: Sequence[float], colour: Colo
 
 
 def _three_columns(count: int, spacing: float) -> NDArray[np.float64]:
-    """Return places (count, 3, 3): three beside each other per row."""
+    """Return places (count, 3, 3): three side by side per row."""
     return grid(3 * count, spacing, columns=3).reshape(count, 3, 3)
 
 
