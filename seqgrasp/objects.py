@@ -58,6 +58,6 @@ def prepare_mesh(
     from pipeline.prepare.preparation import prepare_object
     from pipeline.prepare.sources import RawMesh
 
-    shape = MeshParameters(file=f"data/raw/{name}", unit="m", up=up, density=density)
+    shape = MeshParameters.model_validate({"file": f"data/raw/{name}", "unit": "m", "up": up, "density": density})
     raw = RawMesh(np.asarray(vertices, np.float64), np.asarray(faces, np.int64), "Python", "as supplied by the user")
     return prepare_object(name, shape, parameters.prepare, raw)
