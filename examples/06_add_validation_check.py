@@ -29,9 +29,11 @@ prepared = seqgrasp.prepare_mesh("block", block.vertices, block.faces, parameter
 candidates = seqgrasp.synthesize(prepared, "pinch", parameters, hand=hand, chains=12)
 grasps = seqgrasp.validate(candidates, prepared, parameters, hand=hand)
 
+grasps["joint_margin"] = float("nan")
 for index, row in grasps[grasps["rejected_by"] == ""].iterrows():
     columns, reason = joint_margin(row)
-    grasps.loc[index, [*columns, "rejected_by"]] = [*columns.values(), reason]
+    for name, value in [*columns.items(), ("rejected_by", reason)]:
+        grasps.loc[index, name] = value
 
 print(grasps["rejected_by"].replace("", "valid").value_counts().to_string())
 print(grasps[["grasp_id", "fingers", "joint_margin", "rejected_by"]].dropna().round(3).to_string(index=False))
