@@ -24,8 +24,8 @@ index, middle, ring = [0.177, 0.476, -0.140, 0.113], [0.163, 0.817, 0.541, 0.452
 thumb = [1.394, 0.080, 0.568, 0.589]
 
 turned, shifted = np.eye(4), np.eye(4)
-turned[:3, :3] = Rotation.from_euler("z", 20, degrees=True).as_matrix()
-shifted[:3, 3] = [0.0, 0.008, 0.0]
+turned[:3, :3] = Rotation.from_euler("z", 45, degrees=True).as_matrix()
+shifted[:3, 3] = [0.0, 0.030, 0.0]
 poses = np.stack([grasp, turned @ grasp, shifted @ grasp])
 
 candidates = seqgrasp.candidates_of(
@@ -33,6 +33,6 @@ candidates = seqgrasp.candidates_of(
 )
 candidates["rejected_by"] = ""  # whatever the energy filter says, ask physics
 scored = seqgrasp.validate(candidates, prepared, parameters, hand=hand)
-scored.insert(0, "grasp", ["as found", "turned by 20 degrees", "shifted by 8 mm"])
+scored.insert(0, "grasp", ["as found", "turned by 45 degrees", "shifted by 30 mm"])
 scored["outcome"] = [f"fails {check}" if check else "holds" for check in scored["rejected_by"]]
 print(scored[["grasp", "fingers", "energy", "energy_distance", "outcome"]].round(4).to_string(index=False))

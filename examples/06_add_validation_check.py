@@ -10,7 +10,7 @@ import trimesh
 
 import seqgrasp
 
-LEAST_MARGIN = 0.05  # rad
+LEAST_MARGIN = 0.02  # rad
 
 parameters = seqgrasp.read_parameters()
 hand = seqgrasp.load_hand("allegro")

@@ -46,7 +46,7 @@ def test_one_mesh_is_synthesized_for(tmp_path):
 def test_a_check_of_ones_own_rejects_what_it_should():
     lines = printed("06_add_validation_check.py")
     rows = [line.split() for line in lines[lines.index(next(line for line in lines if "grasp_id" in line)) + 1 :]]
-    assert rows and all((float(row[2]) < 0.05) == (row[3:] == ["joint_margin"]) for row in rows)
+    assert rows and all((float(row[2]) < 0.02) == (row[3:] == ["joint_margin"]) for row in rows)
 
 
 def test_another_source_of_objects_is_grasped():
