@@ -44,13 +44,6 @@ def test_who_uses_the_hand_depends_on_the_description_of_the_chosen_one(stage):
     assert described == ["hands/allegro"] * uses
 
 
-@each_room
-def test_rooms_of_stages_do_not_import_each_other(room):
-    modules = [module for module, own in MODULES.items() if own == room]
-    rooms = {name.split(".")[1] for name in closure(ROOT, modules).modules if "." in name}
-    assert rooms & set(ROOMS) == {room}
-
-
 @pytest.mark.parametrize("room", sorted({*ROOMS} - READ_EVERYTHING))
 def test_a_stage_reads_no_parameter_but_its_sections(room):
     """Each function reads params.yaml once, and gets its own sections; pairs follow from sections, too."""
