@@ -21,6 +21,7 @@ from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.capture import RenderingParameters
 from pipeline.records.poses import pose_matrix
 from pipeline.records.writing import json_text, whole_folder
+from pipeline.stages.outputs import write_files
 from pipeline.stages.seeds import item_generator
 
 
@@ -144,6 +145,4 @@ def render_capture(
     """
     files = run_one(rendering(name, objects, settings, seed), workers, f"photos of {name}")
     with whole_folder(folder) as temporary:
-        for path, content in files.items():
-            (temporary / path).parent.mkdir(parents=True, exist_ok=True)
-            (temporary / path).write_bytes(content)
+        write_files(temporary, files)

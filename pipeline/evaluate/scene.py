@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.shapes.workplace import SPONGE_SIZE, SPONGE_X, TABLE_SIZE, TABLE_X
 
 if TYPE_CHECKING:
     from pipeline.motion.collisions import Obstacle
@@ -19,10 +20,6 @@ if TYPE_CHECKING:
     from pipeline.physics.robots import Robot
     from pipeline.physics.world import World
 
-SPONGE_SIZE = 0.4  # m, square. Paper's code: 0.4.
-SPONGE_X = 0.5  # m in front of the robot's base. Paper's code: 0.5.
-TABLE_SIZE = (2.0, 2.4, 0.1)  # m
-TABLE_X = 0.5  # m
 # Palm down 0.45 m over the table, between the objects. Paper's code: the same at 0.30 m, where a finger that opens hits
 # an object of 10 cm.
 START_ARM = np.array([-0.1477, -0.6262, 0.1268, -2.5457, 0.0791, 1.9223, 1.4988])  # rad

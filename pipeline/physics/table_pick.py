@@ -42,19 +42,6 @@ class TablePick:
     rotation: float  # rad, likewise
     in_contact: bool  # an assigned link presses at the end
 
-    def failure(self, limits: ValidateParameters) -> str:
-        """Return the first failed check: ``push``, ``touch``, ``drop`` or ``drift``; '' if the object was picked.
-
-        A motion that is not a number fails.
-        """
-        if not self.push <= limits.push_limit:
-            return "push"
-        if self.touched_support:
-            return "touch"
-        if not self.in_contact:
-            return "drop"
-        return "" if self.drift <= limits.drift_limit and self.rotation <= limits.rotation_limit else "drift"
-
 
 @dataclass(frozen=True)
 class _Rig:

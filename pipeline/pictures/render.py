@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.pictures.camera import Camera
+from pipeline.shapes.rays import ray_scene
 
 CREASE = np.cos(np.radians(40.0))  # neighbouring faces that meet at a sharper angle keep an edge
 SKY = np.array([0.93, 0.95, 0.98], np.float32)  # linear light, as all colours inside this module
@@ -71,21 +72,15 @@ class _Scene:
 
 
 def _scene(bodies: Sequence[Body]) -> _Scene:
-    import open3d
-
-    rays = open3d.t.geometry.RaycastingScene(nthreads=1)
     normals, first = [np.zeros((0, 3, 3), np.float32)], []
     count = 0
     for body in bodies:
-        rays.add_triangles(
-            open3d.core.Tensor(body.world_vertices().astype(np.float32)),
-            open3d.core.Tensor(np.ascontiguousarray(body.faces.astype(np.uint32))),
-        )
         own = body.normals if body.normals is not None else corner_normals(body.vertices, body.faces)
         normals.append((own @ body.T_world[:3, :3].T).astype(np.float32))
         first.append(count)
         count += len(body.faces)
     colours = np.array([body.colour for body in bodies], np.float32).reshape(-1, 3) ** 2.2
+    rays = ray_scene(*((body.world_vertices(), body.faces) for body in bodies))
     return _Scene(rays, np.array(first, np.int64), np.concatenate(normals), colours)
 
 

@@ -310,10 +310,10 @@ def _wrapped(mesh: Any) -> Any | None:
 
 def _lost_depth(mesh: Any, solid: Any) -> float:
     """Return how far (m) the surface of ``mesh`` lies outside of ``solid`` at most; sheets inside do not count."""
-    from pipeline.shapes.distance_grid import ray_scene
+    from pipeline.shapes.rays import ray_scene
 
     result = solid.to_mesh64()
-    scene = ray_scene(np.asarray(result.vert_properties)[:, :3], np.asarray(result.tri_verts))
+    scene = ray_scene((np.asarray(result.vert_properties)[:, :3], np.asarray(result.tri_verts)))
     points = np.concatenate([mesh.vertices, mesh.triangles_center]).astype(np.float32)
     return float(scene.compute_signed_distance(points, nthreads=1, nsamples=3).numpy().max())
 
@@ -324,7 +324,7 @@ def _simplified(body: Any, repairs: list[str]) -> Any:
     Manifold keeps the surface closed and its tolerance nearly; how far the old vertices lie from the new surface is
     measured.
     """
-    from pipeline.shapes.distance_grid import ray_scene
+    from pipeline.shapes.rays import ray_scene
 
     before = body.num_tri()
     if before <= MOST_FACES:
@@ -334,7 +334,7 @@ def _simplified(body: Any, repairs: list[str]) -> Any:
         if simpler.num_tri() <= MOST_FACES:
             break
     result = simpler.to_mesh64()
-    scene = ray_scene(np.asarray(result.vert_properties)[:, :3], np.asarray(result.tri_verts))
+    scene = ray_scene((np.asarray(result.vert_properties)[:, :3], np.asarray(result.tri_verts)))
     points = np.asarray(body.to_mesh64().vert_properties)[:, :3].astype(np.float32)
     moved = 1000 * float(scene.compute_distance(points, nthreads=1).numpy().max())
     repairs.append(f"simplified {before} to {simpler.num_tri()} faces (the surface moved by at most {moved:.3f} mm)")

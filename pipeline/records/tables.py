@@ -58,31 +58,45 @@ CANDIDATES = pa.schema(
     ]
 )
 
-# The same rows after physics. Columns are null where a check was not reached.
-VALIDATED = pa.schema(
+
+def _column(name: str, kind: pa.DataType, description: str) -> pa.Field:
+    """A column that says what it holds, unit first: ``description(field)``."""
+    return pa.field(name, kind, metadata={"description": description})
+
+
+def description(column: pa.Field) -> str:
+    """Return what a column holds."""
+    return column.metadata[b"description"].decode()  # type: ignore[no-any-return]
+
+
+# What the checks of ``validate`` add to a candidate's row. Null where a check was not reached.
+CHECKED = pa.schema(
     [
-        *CANDIDATES,
-        ("squeeze_q", _OPTIONAL_VECTOR),  # joint targets that press the contacts together
-        ("open_q", _OPTIONAL_VECTOR),  # joint positions for the approach
-        (
+        _column("squeeze_q", _OPTIONAL_VECTOR, "rad, joint targets that press the contacts together"),
+        _column("open_q", _OPTIONAL_VECTOR, "rad, joint positions for the approach"),
+        _column(
             "approach_direction",
             _OPTIONAL_VECTOR,
-        ),  # object frame, unit, from the grasp towards where the hand comes from
-        ("gravity_drift", pa.list_(pa.float64())),  # m, per gravity direction tested, in the order of the parameter
-        ("gravity_rotation", pa.list_(pa.float64())),  # rad
-        ("gravity_in_contact", pa.list_(pa.bool_())),  # an assigned link presses at the end
-        ("contact_only_pass", pa.bool_()),  # the paper's rule: some link presses in all six directions
-        ("table_approach_push", pa.float64()),  # m, how far the object moved before the fingers closed
-        ("table_drift", pa.float64()),  # m, motion in the hand from the end of the squeeze to the end of the hold
-        ("settling_drift", pa.float64()),  # m, motion in the hand under a gentle squeeze alone; pinch only
+            "unit vector, object frame, from the grasp towards where the hand comes from",
+        ),
+        _column(
+            "gravity_drift",
+            pa.list_(pa.float64()),
+            "m, motion in the hand per gravity direction tested, in the order of the parameter",
+        ),
+        _column("gravity_rotation", pa.list_(pa.float64()), "rad, rotation in the hand, likewise"),
+        _column("gravity_in_contact", pa.list_(pa.bool_()), "an assigned link presses at the end, likewise"),
+        _column("contact_only_pass", pa.bool_(), "the paper's rule: some link presses in all six directions"),
+        _column("table_approach_push", pa.float64(), "m, how far the object moved before the fingers closed"),
+        _column(
+            "table_drift", pa.float64(), "m, motion in the hand from the end of the squeeze to the end of the hold"
+        ),
+        _column("settling_drift", pa.float64(), "m, motion in the hand under a gentle squeeze alone; pinch only"),
     ]
 )
 
-
-def _column(name: str, kind: pa.DataType, description: str) -> pa.Field:
-    """A column that says in the file itself what it holds: ``pyarrow.parquet.read_schema(file).field(name)``."""
-    return pa.field(name, kind, metadata={"description": description})
-
+# The candidates' rows after physics, without descriptions in the file.
+VALIDATED = pa.schema([*CANDIDATES, *(column.remove_metadata() for column in CHECKED)])
 
 # One row per tried combination of a pinch grasp (object 0) and a side grasp (object 1). reports/dataset.md lists the
 # descriptions.

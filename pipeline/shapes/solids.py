@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.records.objects import PreparedObject
+from pipeline.shapes.rays import ray_scene
 
 if TYPE_CHECKING:
     import trimesh
@@ -66,17 +67,11 @@ def _object(
 
 def _distance_grid(solid: trimesh.Trimesh) -> tuple[NDArray[np.float32], NDArray[np.float64], float]:
     """Return signed distances on a grid (nx, ny, nz) around a solid, the grid's first corner (3,) and its spacing."""
-    import open3d as o3d
-
     low, high = solid.bounds[0] - PADDING, solid.bounds[1] + PADDING
     spacing = float((high - low).max() / (CELLS - 1))
     axes = [low[k] + spacing * np.arange(int(np.ceil((high - low)[k] / spacing)) + 1) for k in range(3)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).astype(np.float32)
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        o3d.core.Tensor(np.asarray(solid.vertices, np.float32)), o3d.core.Tensor(np.asarray(solid.faces, np.uint32))
-    )
-    distance = scene.compute_signed_distance(o3d.core.Tensor(grid), nthreads=1).numpy()
+    distance = ray_scene((solid.vertices, solid.faces)).compute_signed_distance(grid, nthreads=1).numpy()
     return distance.astype(np.float32), np.asarray(low, np.float64), spacing
 
 

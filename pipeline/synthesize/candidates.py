@@ -17,6 +17,7 @@ from pipeline.energy.scene import EnergyScene, Grasps, Terms, compile_kernels, c
 from pipeline.hand.model import Hand
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters, StyleParameters
+from pipeline.records.synthesis_reasons import SynthesisReason
 from pipeline.stages.seeds import item_generator, item_seed
 from pipeline.synthesize.chains import run_chains
 from pipeline.synthesize.scoring import duplicates, first_failures, score_exactly
@@ -139,7 +140,7 @@ def synthesis(request: Request) -> Work[pd.DataFrame]:
         contacts=np.zeros((len(rows), 0), dtype=np.int64),
     )
     same = duplicates(grasps, rows["energy"].to_numpy(), (rows["rejected_by"] == "").to_numpy())
-    rows.loc[same, "rejected_by"] = "duplicate"
+    rows.loc[same, "rejected_by"] = SynthesisReason.DUPLICATE.value
     return rows
 
 

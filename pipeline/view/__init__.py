@@ -1,1 +1,1 @@
-"""Browses everything that the pipeline made, in a browser: objects, grasps by their fate, trials, reconstructions."""
+"""Browses everything that the pipeline made, in a browser: objects, grasps by outcome, trials, reconstructions."""

@@ -1,7 +1,8 @@
-"""Commands and script of docs/scaling.md."""
+"""The commands of docs/scaling.md that start a cluster, and its script for SLURM."""
 
 import re
 import shlex
+import sys
 import tomllib
 from pathlib import Path
 
@@ -9,47 +10,35 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs/scaling.md").read_text()
-LINES = [line for block in PAGE.split("```")[1::2] if block.startswith("\n") for line in block.splitlines()]
 
 pytest.importorskip("distributed", reason="needs the extra `cluster`")
 
 
-@pytest.mark.parametrize("line", [line for line in LINES if line.startswith("dask ")])
+@pytest.mark.parametrize("line", re.findall(r"^dask .*$", PAGE, re.MULTILINE))
 def test_dask_understands_the_commands(line):
     from distributed.cli import dask_scheduler, dask_worker
 
     _, kind, *arguments = shlex.split(line)
     command = {"scheduler": dask_scheduler.main, "worker": dask_worker.main}[kind]
     given = command.make_context(kind, list(arguments)).params
-    if kind == "worker":
-        assert given["nthreads"] == 1 and given["n_workers"] == "16"
+    assert kind == "scheduler" or given["nthreads"] == 1  # as the physics engine needs it
 
 
-def test_the_extra_is_what_the_error_and_the_page_name():
+def test_the_packages_of_the_extra_are_pinned():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    assert [line for line in LINES if line.startswith("pip ")] == ["pip install -c constraints.txt -e '.[cluster]'"]
-    assert {re.split(r"[>=]", item)[0] for item in extras["cluster"]} == {
-        "distributed",
-        "dask-jobqueue",
-        "threadpoolctl",
-    }
     pinned = {line.split("==")[0] for line in (ROOT / "constraints.txt").read_text().splitlines()}
-    assert {re.split(r"[>=]", item)[0] for item in extras["cluster"]} <= pinned
+    (named,) = re.findall(r"^pip install .*\[(\w+)\]", PAGE, re.MULTILINE)
+    assert {re.split(r"[>=]", item)[0] for item in extras[named]} <= pinned
 
 
-def test_the_slurm_script_makes_a_job_of_16_workers(monkeypatch):
+def test_the_slurm_script_asks_for_the_workers_that_it_names(monkeypatch):
     """As far as it can be known without SLURM: what it would submit."""
     jobqueue = pytest.importorskip("dask_jobqueue", reason="needs the extra `cluster`")
     (script,) = re.findall(r"^```python\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
-    compile(script, "docs/scaling.md", "exec")
     (arguments,) = re.findall(r"SLURMCluster\((.*?)^    \)", script, re.DOTALL | re.MULTILINE)
-    given = eval(f"dict({arguments})", {"sys": __import__("sys")})
+    given = eval(f"dict({arguments})", {"sys": sys})
     given.pop("scheduler_options")
-    job = jobqueue.slurm.SLURMJob(scheduler="tcp://node17:8786", name="job", **given).job_script()
-    assert "#SBATCH -p short" in job and "#SBATCH --cpus-per-task=16" in job and "#SBATCH -t 04:00:00" in job
-    assert (
-        "tcp://node17:8786" in job
-        and "--nthreads 1 " in job
-        and "--nworkers 16 " in job
-        and "OPENBLAS_CORETYPE=Haswell" in job
-    )
+    address = "tcp://node17:8786"
+    job = jobqueue.slurm.SLURMJob(scheduler=address, name="job", **given).job_script()
+    assert address in job and f"--nworkers {given['processes']} " in job and "--nthreads 1 " in job
+    assert f"--cpus-per-task={given['cores']}" in job and all(line in job for line in given["job_script_prologue"])

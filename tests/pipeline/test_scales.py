@@ -9,8 +9,10 @@ from pydantic import BaseModel
 
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import ObjectParameters, Parameters
+from pipeline.records.parameters.capture import RenderingParameters
 from tools import scales
 from tools.scales import flatten
+from tools.typed_defaults import MISSING, defaults_of
 
 
 @pytest.fixture
@@ -42,6 +44,30 @@ def test_dvc_itself_composes_the_same(fresh):
     composed = fresh.command(sys.executable, "-m", "tools.scales", "compose", "tiny", "--force")
     assert composed.returncode == 0, composed.stderr
     assert yaml.safe_load((fresh / "params.yaml").read_text()) == by_dvc
+
+
+def stated(file) -> dict:
+    """Values in a file of conf/, by dotted name."""
+    content = yaml.safe_load(file.read_text())
+    return flatten({name: value for name, value in content.items() if name != "defaults"})
+
+
+def test_a_value_is_a_typed_default_or_in_conf_but_not_both(repository):
+    """Entries of a catalogue, such as objects, are not settings: each is whole, and may have an ordinary value."""
+    rendering = defaults_of(RenderingParameters)
+    defaults = flatten({**defaults_of(Parameters), "renderings": {"demo": rendering, "tiny": rendering}})
+    shared = stated(repository / "conf/config.yaml")
+    assert {defaults[name] for name in shared} == {MISSING}
+    defaults |= shared
+    parents = {"paper": stated(repository / "conf/scale/demo.yaml")}
+    below: set[str] = set()  # set by a file over which this one may be composed
+    for group in ("scale", "hand", "preset"):
+        files = sorted((repository / "conf" / group).glob("*.yaml"))
+        for file in files:
+            replaced = below | set(parents.get(file.stem, {}))
+            repeated = [k for k, v in stated(file).items() if k not in replaced and defaults.get(k, MISSING) == v]
+            assert repeated == [], f"{file.name} repeats what holds without it"
+        below |= {name for file in files for name in stated(file)}
 
 
 @pytest.mark.parametrize("scale", ["demo", "paper", "tiny"])

@@ -8,14 +8,15 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.energy.scene import EnergyScene, Grasps
 from pipeline.hand.model import load_hand
-from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
+from pipeline.records.parameters.synthesize import EnergyParameters
 from tests.synthesize import shapes
 from tests.synthesize.energy_oracle import EnergyOracle
+from tests.synthesize.styles import some_style
 
-PINCH = StyleParameters(
+PINCH = some_style(
     finger_sets=[["thumb", "index"]], contacts={"thumb+index": 2}, table_clearance=0.005, keep_out_margin=0.002
 )
-SIDE = StyleParameters(
+SIDE = some_style(
     finger_sets=[["ring", "palm"]],
     contacts={"ring+palm": 3},
     table_clearance=0.01,

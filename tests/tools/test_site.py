@@ -72,7 +72,7 @@ def test_nothing_is_loaded_from_elsewhere_and_no_link_is_broken(site):
 
 def test_the_front_page_is_the_readme_with_links_that_hold(site):
     text = (site / "index.html").read_text()
-    assert 'href="departures.html"' in text and 'src="trial.png"' in text
+    assert 'href="departures.html"' in text and 'src="trial.gif"' in text
     assert 'href="repository/NOTICE.html"' in text and 'href="repository/reports/dataset.html"' in text
 
 

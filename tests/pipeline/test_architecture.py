@@ -1,0 +1,102 @@
+"""Who may import whom, and the page that says so."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs/architecture.md").read_text()
+ROOMS = sorted(path.parent.name for path in ROOT.glob("pipeline/*/__init__.py"))
+READERS = {"view", "replay", "plan", "share"}
+STAGES = {path.parent.name for path in ROOT.glob("pipeline/*/__main__.py")} - READERS
+OUTSIDE = {"seqgrasp", "tools", "tests", "benchmarks", "examples"}
+
+
+def imported(file: Path) -> Iterator[str]:
+    """Yield the modules that a file names in imports at any level, as `package.module`."""
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0 and node.module, f"{file} imports by a relative name"
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def arrows(folder: str) -> set[tuple[str, str]]:
+    """Return (file below ``folder``, imported module) for all Python files in it."""
+    base = ROOT / folder
+    return {(str(file.relative_to(base)), name) for file in base.rglob("*.py") for name in imported(file)}
+
+
+IN_PIPELINE = arrows("pipeline")
+BETWEEN_ROOMS = {
+    (file, name) for file, name in IN_PIPELINE if name.startswith("pipeline.") and name.split(".")[1] in ROOMS
+}
+
+
+def broken(sources: set[str], targets: set[str]) -> list[tuple[str, str]]:
+    """Return imports from a file of ``sources`` to another room, one of ``targets``."""
+    return sorted(
+        (file, name)
+        for file, name in BETWEEN_ROOMS
+        if file.split("/")[0] in sources and name.split(".")[1] in targets - {file.split("/")[0]}
+    )
+
+
+def users(package: str) -> set[str]:
+    return {file for file, name in IN_PIPELINE if name.split(".")[0] == package}
+
+
+def test_the_page_describes_every_room_in_the_words_of_its_docstring():
+    """To mend: copy the first line of ``pipeline/<room>/__init__.py`` into the room's row."""
+    rows = dict(re.findall(r"^\| `(\w+)` \| (.+) \|$", PAGE, re.MULTILINE))
+    own = {
+        room: (ast.get_docstring(ast.parse((ROOT / f"pipeline/{room}/__init__.py").read_text())) or "").splitlines()[0]
+        for room in ROOMS
+    }
+    assert rows == own
+
+
+def test_stages_do_not_import_each_other():
+    if "several" in ROOMS:  # a demonstration above the stages
+        assert {file.split("/")[0] for file, _ in broken(set(ROOMS), STAGES)} <= READERS | {"several"}
+    assert broken(STAGES, STAGES) == []
+
+
+def test_only_readers_import_readers():
+    assert broken(set(ROOMS) - READERS, READERS) == []
+
+
+def test_records_stands_below_all_other_rooms():
+    assert {name.rpartition(".")[0] for _, name in broken({"records"}, set(ROOMS))} <= {"pipeline.stages.seeds"}
+    assert not [name for file, name in BETWEEN_ROOMS if file == "stages/seeds.py"]
+
+
+@pytest.mark.parametrize(
+    ("folder", "outside"),
+    [("pipeline", OUTSIDE), ("seqgrasp", OUTSIDE - {"seqgrasp"}), ("tools", {"tests", "examples"})],
+)
+def test_nothing_imports_what_stands_around_it(folder, outside):
+    assert [(file, name) for file, name in arrows(folder) if name.split(".")[0] in outside] == []
+
+
+@pytest.mark.parametrize(
+    ("package", "rooms"), [("mlflow", {"track"}), ("viser", {"view", "replay"}), ("sapien", {"physics", "replay"})]
+)
+def test_a_package_is_known_to_its_rooms_alone(package, rooms):
+    assert {file.split("/")[0] for file in users(package)} <= rooms
+
+
+def test_only_physics_and_the_camera_of_a_replay_know_the_simulator():
+    elsewhere = {file for file in users("sapien") | users("mani_skill") if not file.startswith("physics/")}
+    assert elsewhere == {"replay/sapien_camera.py"}
+
+
+def test_the_page_names_everything_that_is_there():
+    known = {path.name for path in ROOT.iterdir() if path.is_dir() and not path.name.startswith(".")}
+    beside = {"site", "plan", "replays", "grasps", "dvc_plots", "mlartifacts", "shared", "models", "reports"}
+    named = set(re.findall(r"`(\w+)/", PAGE))
+    assert {name for name in known - beside if not name.endswith((".egg-info", "__pycache__"))} <= named
