@@ -108,20 +108,7 @@ def check_candidate(
         columns["rejected_by"] = columns["rejected_by"] or "approach"
     if not limits.table_test or (columns["rejected_by"] and limits.early_rejection):
         return columns
-    pick = pick_from_support(
-        settings,
-        limits,
-        prepared,
-        candidate.T_object_hand,
-        candidate.q,
-        squeeze_q,
-        approach.open_q,
-        approach.direction,
-        approach.length,
-        grasp.objects[0].assigned_links,
-        candidate.support,
-        candidate.hand,
-    )
+    pick = pick_from_support(settings, limits, grasp, candidate.T_object_hand, approach, candidate.support)
     failure = pick.failure(limits)
     columns |= {"table_approach_push": pick.push, "table_drift": pick.drift}
     columns["rejected_by"] = columns["rejected_by"] or (f"table:{failure}" if failure else "")
