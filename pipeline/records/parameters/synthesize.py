@@ -69,15 +69,10 @@ class OptimizerParameters(Section):
         32,
         ge=1,
         le=100000,
-        description="Chains of one launch. Changes results only with one of the next two. Paper's code: 256.",
+        description="Chains of one launch. Changes results only with a shared preconditioner. Paper's code: 256.",
     )
     shared_preconditioner: bool = Field(
         False, description="One mean squared gradient for a whole batch, not one per grasp. Paper's code: true."
-    )
-    batch_table_term: bool = Field(
-        False,
-        description="Add the sum of E_table over the batch to every grasp of it, in chains and filter: a slip of the "
-        "paper's code, which no preset repeats.",
     )
     duplicate_contacts: bool = Field(
         False, description="Two contacts of a grasp may be the same candidate. Paper's code: true."
