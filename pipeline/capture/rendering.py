@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
+import open3d
+import trimesh
 from numpy.typing import NDArray
 
 from pipeline.capture.layout import FOAM, TABLE
@@ -42,8 +45,6 @@ class Lens:
 
     def directions(self, offset: tuple[float, float]) -> NDArray[np.float32]:
         """Return rays (height * width, 3) in the camera frame, z = 1, through ``offset`` (0 to 1) of each pixel."""
-        import cv2
-
         x = (np.arange(self.width) + offset[0] - self.width / 2) / self.focal
         y = (np.arange(self.height) + offset[1] - self.height / 2) / self.focal
         grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 1, 2)
@@ -58,9 +59,6 @@ class Stage:
     """A scene ready for rays. Geometry 0 is the table, 1 the foam, objects follow."""
 
     def __init__(self, solids: list[Solid], foam: NDArray[np.float32], block: Print, texture: float, gloss: float):
-        import open3d
-        import trimesh
-
         self.rays: Any = open3d.t.geometry.RaycastingScene(nthreads=1)
         self.solids, self.foam, self.block, self.texture, self.gloss = solids, foam, block, texture, gloss
         table = trimesh.creation.box((*TABLE, 0.03)).apply_translation([0, 0, -FOAM[2] - 0.015])

@@ -22,18 +22,18 @@ from pipeline.records.parameters.synthesize import EnergyParameters, StyleParame
 BLOCK = 32  # points with one bounding sphere
 
 
-def block_order(points: NDArray[np.float64], size: int = BLOCK) -> list[NDArray[np.int64]]:
-    """Split points (n, 3) into blocks of at most ``size`` neighbours by halving the longest side again and again."""
+def block_order(points: NDArray[np.float64]) -> list[NDArray[np.int64]]:
+    """Split points (n, 3) into blocks of at most ``BLOCK`` neighbours by halving the longest side again and again."""
     blocks: list[NDArray[np.int64]] = []
 
     def split(indices: NDArray[np.int64]) -> None:
-        if len(indices) <= size:
+        if len(indices) <= BLOCK:
             blocks.append(indices)
             return
         axis = int(np.ptp(points[indices], axis=0).argmax())
         ordered = indices[np.argsort(points[indices, axis], kind="stable")]
         # A multiple of the block size on the left keeps all blocks but one full.
-        half = size * max(1, round(len(indices) / (2 * size)))
+        half = BLOCK * max(1, round(len(indices) / (2 * BLOCK)))
         split(ordered[:half])
         split(ordered[half:])
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import open3d
 from numpy.typing import NDArray
 
 from pipeline.reconstruct.surface import Surface
@@ -17,8 +18,6 @@ class Bodies:
     """Surfaces that hide each other."""
 
     def __init__(self, surfaces: Sequence[Surface]) -> None:
-        import open3d
-
         self._rays: Any = open3d.t.geometry.RaycastingScene(nthreads=1)
         for surface in surfaces:
             self._rays.add_triangles(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import open3d
 from numpy.typing import NDArray
 
 CHUNK = 1 << 17  # points per query; keeps memory low
@@ -22,8 +23,6 @@ class DistanceGrid:
 
 def ray_scene(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Any:
     """Return Open3D's ray and distance queries for one mesh."""
-    import open3d
-
     scene = open3d.t.geometry.RaycastingScene(nthreads=1)
     scene.add_triangles(open3d.core.Tensor(vertices.astype(np.float32)), open3d.core.Tensor(faces.astype(np.uint32)))
     return scene

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import open3d as o3d
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -26,8 +27,6 @@ class ExactSurface:
     """Distance and normals of the prepared mesh itself, without a grid."""
 
     def __init__(self, prepared: PreparedObject) -> None:
-        import open3d as o3d
-
         self._tensor: Any = o3d.core.Tensor
         self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
         self._scene.add_triangles(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.approach import choose_approach
+from pipeline.hand.approach import HandAtObject, choose_approach
 from pipeline.hand.model import Hand, load_hand
 from pipeline.hand.moves import squeeze_joints
 from pipeline.hand.support import PLANE, Support
@@ -93,12 +93,10 @@ def check_candidate(
     if columns["rejected_by"] and limits.early_rejection:
         return columns
     approach = choose_approach(
-        candidate.hand,
+        HandAtObject(
+            candidate.hand, candidate.style, candidate.T_object_hand, candidate.q, candidate.contact_candidates
+        ),
         prepared,
-        candidate.T_object_hand,
-        candidate.q,
-        candidate.style,
-        candidate.contact_candidates,
         limits.pinch_opening if candidate.style == "pinch" else limits.side_opening,
         lengths=[limits.approach_length],
         support=candidate.support,
