@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from pipeline.capture.layout import FOAM, TABLE
 from pipeline.capture.texture import Print, foam_colours
+from pipeline.pictures.render import SUBSAMPLES
 
 LIGHT = np.array([0.35, -0.25, 1.0], np.float32)
 LIGHT_SPREAD = 0.08
 AMBIENT, KEY = 0.45, 0.75
-SUBSAMPLES = ((0.375, 0.125), (0.875, 0.375), (0.125, 0.625), (0.625, 0.875))
 PALETTE = np.array([[0.8, 0.3, 0.15], [0.2, 0.45, 0.75], [0.75, 0.65, 0.2], [0.3, 0.65, 0.35]], np.float32)
 
 

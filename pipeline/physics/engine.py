@@ -30,6 +30,7 @@ class Body(Protocol):
         """Return the impulse (3,), N s, world frame, on the body from each touching robot link in the last step.
 
         The impulses of all contact points of a link are summed. Links that are near but do not press are left out.
+        While the world is asleep they are those of the last step before.
         """
         ...
 
@@ -46,16 +47,11 @@ class Carrier(Body, Protocol):
 
 
 class Robot(Protocol):
-    """A hand, alone or on the arm, whose joints follow targets by stiff, damped drives with limited torque."""
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the ``n`` joints in the order of all joint arrays."""
-        ...
+    """A hand, alone or on the arm, whose ``n`` joints follow targets by stiff, damped drives with limited torque."""
 
     @property
     def q(self) -> NDArray[np.float64]:
-        """Joint positions (n,), rad, now."""
+        """Joint positions (n,), rad, now, in the order in which they were given."""
         ...
 
     def set_targets(self, q: ArrayLike, velocity: ArrayLike | None = None) -> None:

@@ -48,8 +48,8 @@ class Thing:
 class Puppet:
     """A hand whose joints are where they are told to be."""
 
-    def __init__(self, names: tuple[str, ...], q: ArrayLike) -> None:
-        self.joint_names, self.q = names, np.asarray(q, np.float64)
+    def __init__(self, q: ArrayLike) -> None:
+        self.q = np.asarray(q, np.float64)
 
     def set_targets(self, q: ArrayLike, velocity: ArrayLike | None = None) -> None:
         self.q = np.asarray(q, np.float64)
@@ -84,7 +84,7 @@ class PointWorld:
                 self.carrier.shift = np.zeros(3)
 
     def add_hand(self, hand: Hand, T_world_hand: ArrayLike, q: ArrayLike) -> engine.Robot:
-        return Puppet(hand.joint_names, q)
+        return Puppet(q)
 
     def add_arm(self, hand: Hand, q: ArrayLike) -> engine.Robot:
         raise NotImplementedError
