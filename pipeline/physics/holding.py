@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.hand.model import Hand, load_hand
-from pipeline.physics.engine import GRAVITY, Body, Robot, World, pressing_links, steps_in
+from pipeline.physics.engine import GRAVITY, Body, World, pressing_links, steps_in
 from pipeline.physics.world import make_world
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
@@ -166,21 +166,20 @@ def _hold(
 ) -> tuple[Outcome, int]:
     """One direction: its outcome and the steps simulated."""
     world = make_world(settings, gravity)
-    _, bodies = place_rig(world, HeldGrasp(tuple(objects), q, squeeze_q, hand), np.eye(4))
+    bodies = place_rig(world, HeldGrasp(tuple(objects), q, squeeze_q, hand), np.eye(4))
     steps = _run(world, bodies, objects, steps_in(limits.gravity_seconds, world.frequency))
     pressing = [pressing_links(body, limits.contact_impulse) for body in bodies]
     return judge(objects, [body.pose for body in bodies], pressing), steps
 
 
-def place_rig(world: World, grasp: HeldGrasp, T_world_hand: NDArray[np.float64]) -> tuple[Robot, list[Body]]:
-    """Add a squeezing hand at ``T_world_hand`` (4, 4) with its objects in the grasp to a world."""
+def place_rig(world: World, grasp: HeldGrasp, T_world_hand: NDArray[np.float64]) -> list[Body]:
+    """Add a squeezing hand at ``T_world_hand`` (4, 4) to a world, and its objects in the grasp, which are returned."""
     robot = world.add_hand(grasp.hand, T_world_hand, grasp.q)
     robot.set_targets(grasp.squeeze_q)
-    bodies = [
+    return [
         world.add_object(held.prepared, T_world_hand @ held.T_hand_object, f"object_{index}")
         for index, held in enumerate(grasp.objects)
     ]
-    return robot, bodies
 
 
 def _run(world: World, bodies: Sequence[Body], objects: Sequence[HeldObject], steps: int) -> int:

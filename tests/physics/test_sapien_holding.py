@@ -33,7 +33,7 @@ def test_a_turned_rig_ends_as_the_upright_one_under_turned_gravity(squeezed: boo
     settings = limits.for_floating_hand(SETTINGS)
     world = make_world(settings)
     T_world_hand = upright_hand("+y", held.T_hand_object)
-    _, bodies = place_rig(world, grasp, T_world_hand)
+    bodies = place_rig(world, grasp, T_world_hand)
     world.step(steps_in(limits.gravity_seconds, world.frequency))
     pressing = pressing_links(bodies[0], limits.contact_impulse)
     turned = judge(grasp.objects, [inverse_pose(T_world_hand) @ bodies[0].pose], [pressing])
