@@ -1,9 +1,9 @@
 """`params.yaml` composed from `conf/`: by DVC's own Hydra composition, and never over hand edits by accident.
 
-A parameter has its typed default (`pipeline/records/parameters/`) unless a file of `conf/` gives another value: those
-of `conf/scale` for a scale, of `conf/hand` for the fingers of a hand, of `conf/preset` for the synthesis, the
-validation or the model. `conf/config.yaml` gives the values of parameters that have no default. The composed file is
-committed, because DVC and the stages read it alone; it may be edited by hand at any time.
+A parameter has its typed default (`pipeline/records/parameters/`) unless a file of `conf/` gives another value: for a
+scale in `conf/scale`, for the fingers of a hand in `conf/hand`, for the synthesis, the validation or the model in
+`conf/preset`. `conf/config.yaml` gives the values of parameters that have no default.
+The composed file is committed, because DVC and the stages read it alone; it may be edited by hand at any time.
 """
 
 from __future__ import annotations

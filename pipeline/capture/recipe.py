@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import trimesh
 import yaml
 from numpy.typing import NDArray
 
@@ -94,8 +95,6 @@ def _tags_text(settings: RenderingParameters) -> str:
 
 def _surface(solid: Solid) -> bytes:
     """Return the surface of a solid in the scene as PLY."""
-    import trimesh
-
     content: Any = trimesh.Trimesh(solid.placed(), solid.faces, process=False).export(file_type="ply")
     return bytes(content)
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from functools import lru_cache
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from pipeline.hand.assets import panda_description
@@ -70,10 +72,6 @@ def mount_surface(hand: Hand, count: int = 200) -> NDArray[np.float64]:
 
     They are rigid in the hand frame, whatever the fingers do.
     """
-    import xml.etree.ElementTree as ElementTree
-
-    import trimesh
-
     mount = hand.mount
     assert mount is not None
     root = ElementTree.parse(panda_description()).getroot()

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
 
 from pipeline.pictures.camera import Camera
 from pipeline.shapes.rays import ray_scene
@@ -44,8 +45,6 @@ class Body:
 
 def corner_normals(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return unit normals (F, 3, 3) per face corner, averaged over the faces around it that do not form an edge."""
-    from scipy.sparse import coo_matrix
-
     a, b, c = vertices[faces].transpose(1, 0, 2)
     area_normal = np.cross(b - a, c - a)
     unit = area_normal / np.maximum(np.linalg.norm(area_normal, axis=1, keepdims=True), 1e-30)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from pipeline.hand.model import Hand
@@ -32,8 +33,6 @@ def moment_picture(
 
 
 def _sponge(height: float) -> Body:
-    import trimesh
-
     T = np.eye(4)
     T[:3, 3] = (SPONGE_X, 0.0, height / 2)
     box = trimesh.creation.box((SPONGE_SIZE, SPONGE_SIZE, height))

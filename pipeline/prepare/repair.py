@@ -9,8 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import manifold3d
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from pipeline.records.errors import UserError
 
@@ -120,9 +125,6 @@ def _oriented(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArra
     Every face is a pair of nodes, one for each way to turn it; neighbours link the ways that agree. A connected
     surface that can be oriented gives two components of that graph, of which the one that turns fewer faces is taken.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     count = len(faces)
     edges = _edges(faces)
     low_first = edges[:, 0] < edges[:, 1]
@@ -168,9 +170,6 @@ def _without_fins(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> ND
 
     The winding number changes by one across such a sheet, which would carve a slit along it.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     _, group, uses = _grouped(np.sort(_edges(faces), axis=1))
     of_edge = uses[group].reshape(-1, 3)
     if not ((of_edge == 1).any() and (of_edge > 2).any()):
@@ -192,10 +191,6 @@ def _merged(
     vertices: NDArray[np.float64], faces: NDArray[np.int64], repairs: list[str]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Merge coincident vertices everywhere, and vertices of open edges that are nearly coincident."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
     largest = float(np.ptp(vertices[np.unique(faces)], axis=0).max())
     cells = np.round(vertices / (COINCIDENT * largest)).astype(np.int64)
     first, index, _ = _grouped(cells)
@@ -219,8 +214,6 @@ def _merged(
 
 def _cleaned(vertices: NDArray[np.float64], faces: NDArray[np.int64], repairs: list[str]) -> Any:
     """Merge, drop, orient and fill; the result is a trimesh that may still be open."""
-    import trimesh
-
     vertices, faces = _merged(vertices, faces, repairs)
     kept = _without_flaps(faces)
     if len(kept) < len(faces):
@@ -246,8 +239,6 @@ def _cleaned(vertices: NDArray[np.float64], faces: NDArray[np.int64], repairs: l
 
 def _as_manifold(mesh: Any) -> Any | None:
     """Return the Manifold of a closed mesh, or None when it is not one."""
-    import manifold3d
-
     manifold = manifold3d.Manifold(
         manifold3d.Mesh64(np.array(mesh.vertices, np.float64, order="C"), np.array(mesh.faces, np.uint64, order="C"))
     )
@@ -256,8 +247,6 @@ def _as_manifold(mesh: Any) -> Any | None:
 
 def _united(manifold: Any, repairs: list[str]) -> Any:
     """Union of all components, each taken as filled."""
-    import manifold3d
-
     pieces = manifold.decompose()
     if len(pieces) == 1:
         return manifold
@@ -293,9 +282,6 @@ def _single_body(manifold: Any, repairs: list[str], name: str) -> Any:
 
 def _wrapped(mesh: Any) -> Any | None:
     """Return a Manifold around everything whose winding number is at least one half."""
-    import manifold3d
-    import trimesh
-
     from pipeline.prepare.winding import winding_surface
 
     vertices, faces = winding_surface(np.asarray(mesh.vertices), np.asarray(mesh.faces), WRAP_CELLS)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from pipeline.reconstruct.surface import Surface
@@ -29,8 +30,6 @@ class Accuracy:
 
 
 def _distances(source: Surface, target: Surface, seed: int) -> NDArray[np.float64]:
-    import trimesh
-
     points, _ = trimesh.sample.sample_surface(
         trimesh.Trimesh(source.vertices, source.faces, process=False), SAMPLES, seed=seed
     )

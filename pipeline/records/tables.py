@@ -16,6 +16,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from pipeline.records import energy_terms
 from pipeline.records.errors import UserError
 from pipeline.records.hands import ALLEGRO
 from pipeline.records.writing import whole_file
@@ -45,15 +46,7 @@ CANDIDATES = pa.schema(
         ("contact_candidates", pa.list_(pa.int32())),  # indices into Hand.contact_points
         ("contact_points", _VECTORS),  # object frame, on the hand's surface
         ("contact_normals", _VECTORS),  # object frame, outward normal of the object's surface at the closest point
-        ("energy", pa.float64()),
-        ("energy_force_closure", pa.float64()),  # dimensionless, torque already scaled by object size
-        ("energy_distance", pa.float64()),  # m, sum over contacts
-        ("energy_penetration", pa.float64()),  # m, sum over object surface points, deepest hand part
-        ("energy_table", pa.float64()),  # m, sum over hand (and flange) surface points
-        ("energy_self_penetration", pa.float64()),  # m
-        ("energy_joints", pa.float64()),  # rad beyond limits
-        ("energy_offset", pa.float64()),  # m2, squared distance of the contacts' middle from the centre of mass
-        ("energy_keep_out", pa.float64()),  # m, sum over points that the other object of a pair and its fingers need
+        *((column, pa.float64()) for column in energy_terms.COLUMNS.values()),
         ("rejected_by", pa.string()),
     ]
 )

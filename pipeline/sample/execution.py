@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.approach import choose_approach
+from pipeline.hand.approach import HandAtObject, choose_approach
 from pipeline.hand.model import Hand
 from pipeline.hand.moves import finger_joints, squeeze_joints, straight
 from pipeline.model.held_out import STYLES
@@ -46,9 +46,8 @@ def single_grasps(
         posture[finger_joints(waiting, hand)] = straight(waiting, hand)
         T_object_hand = inverse_pose(T_hand_object[slot])
         opening = limits.pinch_opening if style == "pinch" else limits.side_opening
-        approach = choose_approach(
-            hand, objects[slot], T_object_hand, posture, style, candidates, opening, [limits.approach_length]
-        )
+        grasp = HandAtObject(hand, style, T_object_hand, posture, candidates)
+        approach = choose_approach(grasp, objects[slot], opening, [limits.approach_length])
         halves.append(
             SingleGrasp(
                 grasp_id=index,

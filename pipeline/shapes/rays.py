@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import open3d
 from numpy.typing import ArrayLike
 
 
@@ -14,8 +15,6 @@ def ray_scene(*meshes: tuple[ArrayLike, ArrayLike]) -> Any:
     Args:
         meshes: vertices (V, 3) and faces (F, 3) of each, all in one frame.
     """
-    import open3d
-
     scene = open3d.t.geometry.RaycastingScene(nthreads=1)
     for vertices, faces in meshes:
         scene.add_triangles(

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from pipeline.records.objects import PreparedObject
 from pipeline.shapes.rays import ray_scene
 
 if TYPE_CHECKING:
-    import trimesh
-
     from pipeline.records.reconstructions import ReconstructedObject
 
 SURFACE_POINTS = 4096
@@ -24,8 +23,6 @@ DENSITY = 500.0  # kg/m3, as in the physics of the pipeline
 
 def object_of_solid(name: str, solid: trimesh.Trimesh) -> PreparedObject:
     """Return a closed mesh whose origin is its centre of mass as an object; its hull is its collision shape."""
-    import trimesh
-
     points, owners = trimesh.sample.sample_surface(solid, SURFACE_POINTS, seed=0)
     return _object(name, solid, np.asarray(points, np.float64), np.asarray(solid.face_normals[owners], np.float64))
 
@@ -36,8 +33,6 @@ def object_of_reconstruction(item: ReconstructedObject, grid: bool = True) -> Pr
     Args:
         grid: whether with the distance grid, which takes seconds; without, it is empty.
     """
-    import trimesh
-
     solid = trimesh.Trimesh(item.vertices, item.faces, process=False)
     return _object(item.name, solid, item.points, item.normals, grid)
 
@@ -80,8 +75,6 @@ def _collision_hull(solid: trimesh.Trimesh) -> trimesh.Trimesh:
 
     The latter lies at most about 1 % of the object's size inside the former (0.6 mm for a ball of 60 mm).
     """
-    import trimesh
-
     hull = solid.convex_hull
     if len(hull.vertices) <= HULL_CORNERS:
         return hull

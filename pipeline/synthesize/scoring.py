@@ -8,8 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pipeline.energy.scene import Grasps, Terms, contact_positions, contact_shares, force_closure, torque_scale
+from pipeline.energy.arrays import torque_scale
+from pipeline.energy.contacts import contact_positions, contact_shares, force_closure
+from pipeline.energy.scene import Grasps
 from pipeline.hand.model import Hand
+from pipeline.records.energy_terms import Terms
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters
 from pipeline.records.synthesis_reasons import SynthesisReason
@@ -56,15 +59,7 @@ def score_exactly(
     shares = contact_shares(hand, grasps.contacts, energy.balance_forces)
     closure = force_closure(points, normals, shares, torque_scale(prepared.extents, energy.scale_torque))
     exact = replace(terms, force_closure=closure, distance=np.abs(distance.reshape(points.shape[:2])).sum(1))
-    total = (
-        energy.weight_force_closure * exact.force_closure
-        + energy.weight_distance * exact.distance
-        + energy.weight_penetration * (exact.penetration + exact.table + exact.keep_out)
-        + energy.weight_self_penetration * exact.self_penetration
-        + energy.weight_joints * exact.joints
-        + energy.weight_offset * exact.offset
-    )
-    return replace(exact, energy=total), points, normals
+    return exact.weighted(energy), points, normals
 
 
 def first_failures(terms: Terms, energy: EnergyParameters) -> NDArray[np.str_]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.approach import Approach, choose_approach
+from pipeline.hand.approach import Approach, HandAtObject, choose_approach
 from pipeline.hand.model import Hand
 from pipeline.hand.moves import squeeze_joints
 from pipeline.hand.support import PLANE, Support
@@ -89,12 +89,10 @@ class Inspection:
         """How the hand comes to the object."""
         candidate, limits = self.candidate, self.limits
         return choose_approach(
-            candidate.hand,
+            HandAtObject(
+                candidate.hand, candidate.style, candidate.T_object_hand, candidate.q, candidate.contact_candidates
+            ),
             self.prepared,
-            candidate.T_object_hand,
-            candidate.q,
-            candidate.style,
-            candidate.contact_candidates,
             limits.pinch_opening if candidate.style == "pinch" else limits.side_opening,
             lengths=[limits.approach_length],
             support=candidate.support,
@@ -156,18 +154,7 @@ def is_picked(inspection: Inspection) -> Verdict:
     if not limits.table_test:
         return NOT_MADE
     pick = pick_from_support(
-        inspection.settings,
-        limits,
-        inspection.prepared,
-        candidate.T_object_hand,
-        candidate.q,
-        inspection.grasp.squeeze_q,
-        approach.open_q,
-        approach.direction,
-        approach.length,
-        inspection.grasp.objects[0].assigned_links,
-        candidate.support,
-        candidate.hand,
+        inspection.settings, limits, inspection.grasp, candidate.T_object_hand, approach, candidate.support
     )
     return {"table_approach_push": pick.push, "table_drift": pick.drift}, table_failure(pick, limits)
 

@@ -96,7 +96,7 @@ def _gravities_elsewhere(
     """Test the gravities of all candidates on the GPU where ``limits.device`` says so."""
     if limits.device == "cpu" or not candidates:
         return [None] * len(candidates)
-    from pipeline.physics.holding_cuda import hold_all_in_gravities
+    from pipeline.physics.sapien_holding import hold_all_in_gravities
 
     grasps = [held_grasp(prepared, candidate, limits.squeeze_advance) for candidate in candidates]
     return hold_all_in_gravities(settings, limits, grasps)

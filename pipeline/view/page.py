@@ -49,7 +49,7 @@ class Page:
         check_host(host)
         self._read_library = read_library
         self.library = read_library()
-        self.choice = named(start, library.index) if start else turned_to(OBJECTS)
+        self.choice = named(start, self.library.index) if start else turned_to(OBJECTS)
         self.chosen = pd.DataFrame()  # lines of the index that pass the filters
         self.drawing = Drawing()
         self.related_links: dict[str, str] = {}

@@ -2,8 +2,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from pipeline.hand.approach import Approach
 from pipeline.hand.moves import finger_joints, move_points
-from pipeline.hand.support import PLANE
+from pipeline.physics.holding import HeldGrasp
 from pipeline.physics.table_pick import TablePick, pick_from_support
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.validate import ValidateParameters
@@ -23,21 +24,9 @@ def pick(squeeze: bool, opening: float, lower: float = 0.0) -> TablePick:
     links = [HAND.link("link_3.0_tip"), HAND.link("link_15.0_tip")]
     outward = opening * np.stack([-R[:, 0], R[:, 0]])
     open_q = move_points(HAND, q, links, np.zeros((2, 3)), outward, finger_joints(["index", "thumb"], HAND))
-    T_object_hand = np.linalg.inv(T)
-    return pick_from_support(
-        SETTINGS,
-        LIMITS,
-        prepared,
-        T_object_hand,
-        q,
-        squeeze_q if squeeze else q,
-        open_q,
-        np.array([0.0, 0.0, 1.0]),
-        0.05,
-        held.assigned_links,
-        PLANE,
-        HAND,
-    )
+    grasp = HeldGrasp((replace(held, prepared=prepared),), q, squeeze_q if squeeze else q, HAND)
+    approach = Approach(open_q, np.array([0.0, 0.0, 1.0]), 0.05, penetrations=0, clearance=0.0)
+    return pick_from_support(SETTINGS, LIMITS, grasp, np.linalg.inv(T), approach)
 
 
 def test_block_is_picked_with_a_squeeze_and_left_without() -> None:

@@ -94,7 +94,7 @@ def test_the_official_preset_has_the_released_settings_on_any_scale(project, sca
     assert costs.items() <= official["validate"].items()
     chains = official["synthesize"]["optimizer"]
     released = {"step": 0.005, "step_period": 50, "switch_probability": 0.5, "temperature": 18.0, "noise": 0.0}
-    released |= {"temperature_period": 30, "momentum": 0.02, "polish_iterations": 0, "batch_table_term": False}
+    released |= {"temperature_period": 30, "momentum": 0.02, "polish_iterations": 0}
     assert released.items() <= chains.items()
     for style, contacts, clearance in (("pinch", [2, 2, 3], 0.005), ("side", [4], 0.02)):
         settings = official["synthesize"][style]
@@ -114,14 +114,13 @@ def test_the_published_model_changes_the_training_alone(project):
 
 
 def test_every_switch_of_the_synthesis_is_used_by_one_preset(project):
-    """But for the slip of the table term, which no preset repeats."""
     for preset in ("ours", "official"):
         scales.compose("demo", project / f"{preset}.yaml", preset)
     ours, official = (
         flatten(yaml.safe_load((project / f"{name}.yaml").read_text())["synthesize"]) for name in ("ours", "official")
     )
     alike = {name for name, value in ours.items() if isinstance(value, bool) and official[name] == value}
-    assert alike == {"optimizer.batch_table_term"}
+    assert not alike
 
 
 def test_an_unknown_preset_is_answered_with_the_known_ones(project):

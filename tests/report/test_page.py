@@ -135,13 +135,10 @@ def page(content) -> str:
     return build_page(content, LIBRARY)
 
 
-def test_the_page_is_well_formed_and_the_same_each_time(content, page):
+def test_the_page_is_well_formed_the_same_each_time_and_uploads_nothing(content, page):
     check(page)
     assert page == build_page(content, LIBRARY)
     assert embedded(page, "plotly-source") == LIBRARY
-
-
-def test_the_views_offer_no_button_that_uploads(page):
     (buttons,) = re.findall(r"const buttons = (.*);", page)
     assert set(sum(json.loads(buttons), [])) == {"orbitRotation", "zoom3d", "pan3d", "resetCameraDefault3d"}
     assert "modeBarButtons: buttons" in page and 'plotlyServerURL: ""' in page
@@ -192,12 +189,9 @@ def test_every_cell_of_a_heat_map_leads_to_the_trials_of_its_pair(page, trials):
             assert shown["run again"] == f"./dev replay {source}/cube/can/{row[0]}"
 
 
-def test_grasps_that_can_be_turned_have_their_numbers(content, page):
+def test_placed_geometry_is_where_the_table_says(content, page):
     _, rows = embedded(page, "table-data")["tables"]["grasps-cube--can"]
     assert [int(row[0]) for row in rows] == [grasp["merged_id"] for grasp in content.views[0].grasps]
-
-
-def test_placed_geometry_is_where_the_table_says(content):
     grasp = content.views[0].grasps[0]
     can = next(body for body in grasp["bodies"] if body["shape"] == "object/can")
     assert can["pose"] == pytest.approx(pose_matrix([0.06, -0.05, -0.02], [0.5] * 4)[:3].ravel(), abs=1e-6)

@@ -71,12 +71,8 @@ def test_terms_and_gradient_equal_autograd(prepared, style, contacts, energy):
     errors, smooth = [], []
     for index in range(len(grasps)):
         truth = oracle(grasps.position[index], rotations[index], grasps.q[index], grasps.contacts[index])
-        mine = [
-            terms.force_closure, terms.distance, terms.penetration, terms.table, terms.self_penetration, terms.joints,
-            terms.offset,
-            terms.keep_out,
-        ]  # fmt: skip
-        np.testing.assert_allclose([term[index] for term in mine], truth.terms, rtol=2e-5, atol=5e-6)
+        for name, value in truth.terms.items():
+            assert getattr(terms, name)[index] == pytest.approx(value, rel=2e-5, abs=5e-6), name
         assert terms.energy[index] == pytest.approx(truth.energy, rel=2e-5)
         error = np.linalg.norm(gradients[index] - truth.gradient) / np.linalg.norm(truth.gradient)
         errors.append(error)

@@ -72,14 +72,6 @@ def page(project: Path):
     page.close()
 
 
-def heading(page: Page) -> str:
-    return page.panel.heading.content
-
-
-def text(page: Page) -> str:
-    return page.panel.text.content
-
-
 def shown(page: Page, kind: str) -> set[str]:
     return {name.removeprefix(f"/{kind}/") for name in page.canvas.shown if name.startswith(f"/{kind}/")}
 
@@ -149,36 +141,37 @@ def test_a_damaged_table_is_a_sentence_beside_the_others(project: Path) -> None:
 
 
 def test_page_begins_with_the_objects_and_leads_through_every_view(page: Page) -> None:
+    panel = page.panel
     assert {"object/cube", "object/soup_can", "part/cube/01"} <= shown(page, "solid")
-    assert not page.panel.notice.visible and page.panel.view.value == OBJECTS
+    assert not panel.notice.visible and panel.view.value == OBJECTS
     page.act(lambda: turned_to(VALIDATED_VIEW))
-    assert page.panel.legend.content.count(": 4<") == 1  # passed; distance: 2, gravity: 2
+    assert panel.legend.content.count(": 4<") == 1  # passed; distance: 2, gravity: 2
     assert shown(page, "label") == {f"{number:03d}" for number in range(8)}
     page.act(lambda: page.choice.filtered("reason", "gravity:-x"))
-    assert heading(page).startswith("rows 1 to 2 of 2")
-    assert list(page.panel.filters["style"].options) == ["all (2)", "pinch (1)", "side (1)"]
+    assert panel.heading.content.startswith("rows 1 to 2 of 2")
+    assert list(panel.filters["style"].options) == ["all (2)", "pinch (1)", "side (1)"]
     page.act(lambda: page.choice.filtered("style", "side"))
-    assert heading(page).startswith("rows 1 to 1 of 1") and "object/cube" not in shown(page, "solid")
+    assert panel.heading.content.startswith("rows 1 to 1 of 1") and "object/cube" not in shown(page, "solid")
 
     page.go_to("validate/pinch/cube/1")
-    assert heading(page) == "**validate/pinch/cube/1** (2 of 4)" and "gravity:-x" in text(page)
-    assert shown(page, "cloud") == {"contacts"} and page.panel.layers["contacts"].visible
+    assert panel.heading.content == "**validate/pinch/cube/1** (2 of 4)" and "gravity:-x" in panel.text.content
+    assert shown(page, "cloud") == {"contacts"} and panel.layers["contacts"].visible
     page.act(lambda: page.stepped(1))
-    assert heading(page) == "**validate/pinch/cube/2** (3 of 4)"
+    assert panel.heading.content == "**validate/pinch/cube/2** (3 of 4)"
     page.act(lambda: page.stepped(-3))
-    assert heading(page) == "**validate/pinch/cube/3** (4 of 4)"
+    assert panel.heading.content == "**validate/pinch/cube/3** (4 of 4)"
 
     page.go_to("merge/cube/soup_can")
-    assert heading(page).startswith("rows 1 to 3 of 3") and shown(page, "label") == {"000", "001", "002"}
+    assert panel.heading.content.startswith("rows 1 to 3 of 3") and shown(page, "label") == {"000", "001", "002"}
     page.go_to("merge/cube/soup_can/0")
-    assert heading(page) == "**merge/cube/soup_can/0** (1 of 3)"
+    assert panel.heading.content == "**merge/cube/soup_can/0** (1 of 3)"
     assert {"object0/cube", "object1/soup_can"} <= shown(page, "solid")
     assert page.related_links == {"pinch": "validate/pinch/cube/0", "side": "validate/side/soup_can/0"}
-    assert page.panel.notice.visible is False or "sample" in page.panel.notice.content
+    assert panel.notice.visible is False or "sample" in panel.notice.content
 
     page.go_to("synthesized/cube/soup_can/1")
-    assert "plan second" in text(page) and "`./dev replay synthesized/cube/soup_can/1`" in text(page)
-    assert [option.split(". ")[1] for option in page.panel.moment.options] == ["settle", "close first"]
+    assert "plan second" in panel.text.content and "`./dev replay synthesized/cube/soup_can/1`" in panel.text.content
+    assert [option.split(". ")[1] for option in panel.moment.options] == ["settle", "close first"]
     assert page.related_links == {"its grasp": "merge/cube/soup_can/1"}
     assert "object0/cube" in shown(page, "solid") and not shown(page, "label")
 
@@ -197,7 +190,7 @@ def test_a_click_leads_to_the_row(page: Page) -> None:
     page.act(lambda: turned_to(CANDIDATES_VIEW))
     where = page.drawing.cells[6]
     page._click(SimpleNamespace(ray_origin=tuple(where + [0, -1, 1]), ray_direction=(0, 1, -1)))
-    assert page.choice.arrangement == scenes.ONE and heading(page).startswith("**synthesize/side/soup_can/2**")
+    assert page.choice.arrangement == scenes.ONE and "synthesize/side/soup_can/2" in page.panel.heading.content
 
 
 def test_moving_on_sends_no_mesh_again(page: Page) -> None:

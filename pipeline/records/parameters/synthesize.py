@@ -129,11 +129,6 @@ class OptimizerParameters(Section):
         description="Precondition all grasps of a batch with one mean of squared gradients, instead of one each. "
         "Paper's code: true.",
     )
-    batch_table_term: bool = Field(
-        False,
-        description="Add the sum of E_table over a batch to the energy of each of its grasps, a bug of the paper's "
-        "code that no preset reproduces.",
-    )
     duplicate_contacts: bool = Field(
         False, description="Allow two contacts of a grasp to be the same contact candidate. Paper's code: true."
     )
