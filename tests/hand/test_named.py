@@ -6,8 +6,12 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 from pipeline.hand.model import load_hand
+from pipeline.provenance.closure import closure, stated_sections
 from pipeline.records.hands import known_hands
+from tests.pipeline.declared import Stage, declared_stages
 
 ROOT = Path(__file__).resolve().parents[2]
 CODE = {file: ast.parse(file.read_text()) for room in ("pipeline", "tools") for file in (ROOT / room).rglob("*.py")}
@@ -50,6 +54,15 @@ def test_no_parameter_and_no_field_is_a_hand_by_default() -> None:
 
 def test_only_entry_points_choose_a_hand() -> None:
     assert places({file: names_a_hand(tree) for file, tree in CODE.items() if not is_entry_point(tree)}) == []
+
+
+WITHOUT = [one for one in declared_stages(ROOT) if one.lines and not any("hands/" in each for each in one.dependencies)]
+
+
+@pytest.mark.parametrize("stage", WITHOUT, ids=lambda stage: stage.name)
+def test_a_stage_that_uses_no_hand_does_not_depend_on_what_a_hand_is(stage: Stage) -> None:
+    modules = closure(ROOT, [stage.module], stated_sections(ROOT, stage.module)).modules
+    assert [name for name in modules if name.startswith(("pipeline.hand", "pipeline.records.parameters.hand"))] == []
 
 
 def test_only_descriptions_name_links_joints_and_fingers() -> None:
