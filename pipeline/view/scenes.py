@@ -259,7 +259,7 @@ def trial_moment(
     if not len(row["snapshot_phases"]):
         return Drawing(scenery=scenery)
     solids = robot(np.asarray(row["snapshot_robot_q"][moment], np.float64), hand)
-    for slot, (prepared, colour) in enumerate(zip(objects, OBJECT_COLOURS, strict=True)):
+    for slot, (prepared, colour) in enumerate(zip(objects, OBJECT_COLOURS, strict=False)):
         pose = np.asarray(row[f"snapshot_pose{slot}"][moment], np.float64)
         if np.isfinite(pose).all():  # physics may have lost it
             T = pose_matrix(pose[:3], pose[3:])
