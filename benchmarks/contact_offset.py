@@ -24,10 +24,11 @@ import pandas as pd  # noqa: E402
 
 import pipeline  # noqa: E402, F401  (sets the thread counts before numpy is imported)
 from pipeline.compute.fan_out import fan_out  # noqa: E402
-from pipeline.evaluate.inputs import SOURCES, inputs_of_pairs, pairs_of, sections  # noqa: E402
+from pipeline.evaluate.inputs import inputs_of_pairs, pairs_of, sections  # noqa: E402
 from pipeline.evaluate.trial import TrialInput, run_trial  # noqa: E402
 from pipeline.records.parameters import load_parameters, read_parameters  # noqa: E402
 from pipeline.records.parameters.harder import overridden  # noqa: E402
+from pipeline.records.sources import SOURCES  # noqa: E402
 
 STANDARD = "standard"
 IDENTITY = ["source", "object0", "object1", "trial"]

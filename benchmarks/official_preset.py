@@ -44,7 +44,7 @@ from pipeline.records.objects import PreparedObject, load_prepared_object, write
 from pipeline.records.parameters import Parameters, read_parameters  # noqa: E402
 from pipeline.records.tables import CANDIDATES  # noqa: E402
 from pipeline.synthesize.candidates import Request, synthesize  # noqa: E402
-from pipeline.validate.grasp_test import check_candidate, held_grasp  # noqa: E402
+from pipeline.validate.checks import check_candidate, held_grasp  # noqa: E402
 from pipeline.validate.table import candidate_of, validate_table  # noqa: E402
 from tools.scales import compose  # noqa: E402
 

@@ -35,6 +35,7 @@ sys.path.insert(0, str(ROOT))
 from pipeline.records import paths  # noqa: E402
 from pipeline.records.objects import write_mesh  # noqa: E402
 from pipeline.records.parameters import read_parameters  # noqa: E402
+from pipeline.records.sources import OF_ALL_PAIRS  # noqa: E402
 from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED, write_table  # noqa: E402
 from pipeline.records.writing import write_json  # noqa: E402
 from tests.report import made_up  # noqa: E402
@@ -151,7 +152,7 @@ def write_pairs(partners: dict[str, tuple[str, ...]], trials: int, generator: np
             used = {name: generator.integers(0, 60, size) for name in ("grasp0_id", "grasp1_id")}
             drifts = list(np.round(generator.gamma(2.0, 0.0015, (size, 6)), 6))
             merged.write(file, **own, **used, rejected_by=fates, gravity_drift=drifts)
-        for source in paths.SOURCES:
+        for source in OF_ALL_PAIRS:
             chance = np.repeat(generator.beta(30, 1.5, len(seconds)), trials)
             good = generator.random(len(chance)) < chance
             outcomes.write(

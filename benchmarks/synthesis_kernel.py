@@ -30,12 +30,13 @@ from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerPa
 from pipeline.synthesize.candidates import Block, Request, first_states  # noqa: E402
 from pipeline.synthesize.chains import run_chains  # noqa: E402
 from tests.synthesize import shapes  # noqa: E402
+from tests.synthesize.styles import some_style  # noqa: E402
 
 TARGET = 25  # us per grasp and iteration
 SHORT_CHAIN = 600  # iterations until states are near contact
 
-PINCH = StyleParameters(finger_sets=[["thumb", "index"]], contacts={"thumb+index": 2}, table_clearance=0.005)
-SIDE = StyleParameters(
+PINCH = some_style(finger_sets=[["thumb", "index"]], contacts={"thumb+index": 2}, table_clearance=0.005)
+SIDE = some_style(
     finger_sets=[["ring", "palm"]], contacts={"ring+palm": 3}, table_clearance=0.01, mount_clearance=0.005
 )
 

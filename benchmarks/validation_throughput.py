@@ -30,7 +30,7 @@ from pipeline.records.objects import load_prepared_object  # noqa: E402
 from pipeline.records.parameters import load_parameters, read_parameters  # noqa: E402
 from pipeline.records.parameters.validate import ValidateParameters  # noqa: E402
 from pipeline.records.tables import CANDIDATES, read_table  # noqa: E402
-from pipeline.validate.grasp_test import check_candidate  # noqa: E402
+from pipeline.validate.checks import check_candidate  # noqa: E402
 from pipeline.validate.table import candidate_of  # noqa: E402
 
 

@@ -1,1 +1,1 @@
-"""Commands around the pipeline: set-up, scales, own objects and captures, publishing, audit, the site of the docs."""
+"""Commands around the pipeline: setup, scales, your own objects and captures, publishing, audit, documentation site."""

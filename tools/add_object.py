@@ -1,8 +1,8 @@
-"""`./dev add-object FILE --style pinch|side|both`: a mesh file becomes an object of the pipeline.
+"""`./dev add-object FILE --style pinch|side|both`: turn a mesh file into an object of the pipeline.
 
-The object is prepared first, so that a mesh which cannot be used leaves no trace. Then the file is copied to
-`data/raw/` and entries are added to `params.yaml`. The prepared folder is there to look at: the stage `prepare` makes
-the same one again, as it makes whatever is new.
+The object is prepared first, so that an unusable mesh leaves no trace. Then the file is copied to `data/raw/` and
+entries are added to `params.yaml`. The prepared folder is only written for inspection: the stage `prepare` makes the
+same one again, as it does for every new object.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters import OBJECT_NAME, Parameters, read_parameters
 from pipeline.records.parameters.objects import MeshParameters
 from pipeline.records.writing import check_writable, whole_file
+from pipeline.stages.running import command
 from tools.parameter_text import with_mesh
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
 
 @dataclass(frozen=True)
 class Addition:
-    """What will be added."""
+    """An object to be added."""
 
     name: str
     source: Path  # the user's file
@@ -46,12 +47,12 @@ class Addition:
 
     @property
     def target(self) -> Path:
-        """Where the file will lie."""
+        """Where the file will be stored."""
         return Path(self.entry["file"])
 
 
 def plain_name(stem: str) -> str:
-    """Return an object name made of a file's name, such as ``my_mug_2`` of ``My Mug (2)``; '' when nothing is left."""
+    """Return an object name derived from a file's name: ``my_mug_2`` from ``My Mug (2)``; '' if nothing is left."""
     ascii_only = unicodedata.normalize("NFKD", stem).encode("ascii", "ignore").decode().lower()
     return re.sub(r"^[^a-z]+|_+$", "", re.sub(r"[^a-z0-9]+", "_", ascii_only))
 
@@ -59,8 +60,8 @@ def plain_name(stem: str) -> str:
 def _checked_name(name: str | None, source: Path) -> str:
     found = plain_name(source.stem) if name is None else name
     if not OBJECT_NAME.fullmatch(found):
-        what = f"no object name can be made of {source.name!r}" if name is None else f"{name!r} is no object name"
-        raise UserError(f"{what}; give --name with small letters, digits and underscores, a letter first.")
+        what = f"{source.name!r} yields no object name" if name is None else f"{name!r} is not a valid object name"
+        raise UserError(f"{what}; give --name with lowercase letters, digits and underscores, starting with a letter.")
     return found
 
 
@@ -68,7 +69,7 @@ def planned(chosen: argparse.Namespace, parameters: Parameters) -> Addition:
     """Check the command line against the file, the folder and the parameters.
 
     Raises:
-        UserError: the file is no mesh, or the name is taken by something else and ``--force`` is not given.
+        UserError: the file is not a mesh, or the name is taken and ``--force`` is not given.
     """
     from pipeline.prepare.sources import check_file, raw_mesh
 
@@ -76,12 +77,14 @@ def planned(chosen: argparse.Namespace, parameters: Parameters) -> Addition:
     check_file(source, str(source))
     name = _checked_name(chosen.name, source)
     if name in parameters.objects:
-        raise UserError(f"params.yaml has an object {name} under `objects` already; give another --name.")
+        raise UserError(f"params.yaml already has an object {name} under `objects`; choose another --name.")
     if name in parameters.meshes and not chosen.force:
-        raise UserError(f"params.yaml has an object {name} under `meshes` already; give another --name, or --force.")
+        raise UserError(
+            f"params.yaml already has an object {name} under `meshes`; choose another --name, or add --force."
+        )
     target = paths.RAW_FOLDER / f"{name}{source.suffix.lower()}"
     if target.exists() and not chosen.force and target.read_bytes() != source.read_bytes():
-        raise UserError(f"{target} is another file; give another --name, or --force to overwrite it.")
+        raise UserError(f"{target} is a different file; choose another --name, or add --force to overwrite it.")
     asked = {key: getattr(chosen, key) for key in ("unit", "up", "turn", "scale", "fit_longest", "density")}
     entry = {"file": str(target)} | {key: value for key, value in asked.items() if value is not None}
     raw = raw_mesh(_shape(entry), name, read_from=source)
@@ -106,7 +109,7 @@ def _shape(entry: dict[str, Any]) -> MeshParameters:
 
 
 def describe(addition: Addition, prepared: PreparedObject) -> list[str]:
-    """Return the lines that tell the user what has become of the mesh."""
+    """Return the lines that tell the user what became of the mesh."""
     from tools.graspable import verdict
 
     facts = prepared.provenance
@@ -143,10 +146,10 @@ def write(addition: Addition, prepared: PreparedObject) -> None:
 
 
 def add(chosen: argparse.Namespace) -> None:
-    """Do the whole of the command.
+    """Check, prepare and write an object, and report it.
 
     Raises:
-        UserError: the mesh or the command line is refused; then nothing has been changed.
+        UserError: the mesh or the command line is refused; nothing has been changed then.
     """
     parameters = read_parameters()
     addition = planned(chosen, parameters)
@@ -163,29 +166,32 @@ def add(chosen: argparse.Namespace) -> None:
 
 def command_line() -> argparse.ArgumentParser:
     """Return the parser of the command."""
-    parser = argparse.ArgumentParser(prog="./dev add-object", description="A mesh file becomes an object.")
+    parser = argparse.ArgumentParser(
+        prog="./dev add-object", description="Turn a mesh file into an object of the pipeline."
+    )
     parser.add_argument("file", type=Path, help="obj, stl, ply, off or glb")
     parser.add_argument("--folder", type=Path, default=Path(), help=argparse.SUPPRESS)  # where ./dev was called
-    parser.add_argument("--style", required=True, choices=STYLES, help="who holds it: pinch is thumb, index, middle")
-    parser.add_argument("--name", help="of the object; made of the file's name when left out")
-    parser.add_argument("--unit", choices=UNITS, help="of the file; guessed from the size when left out")
-    parser.add_argument("--scale", type=float, help="factor on the shape")
+    parser.add_argument(
+        "--style",
+        required=True,
+        choices=STYLES,
+        help="pinch: thumb, index and middle finger; side: ring finger and palm",
+    )
+    parser.add_argument("--name", help="name of the object (default: derived from the file's name)")
+    parser.add_argument("--unit", choices=UNITS, help="unit of the file (default: guessed from its size)")
+    parser.add_argument("--scale", type=float, help="scale factor")
     parser.add_argument("--fit-longest", type=float, help="longest extent in metres, instead of --unit and --scale")
     parser.add_argument("--up", choices=AXES, default="+z", help="axis of the file that points up (--up=-y)")
-    parser.add_argument("--turn", type=float, help="about the vertical, degrees")
-    parser.add_argument("--density", type=float, help="kg/m3; 500 when left out")
-    parser.add_argument("--force", action="store_true", help="replace an object or file of that name")
+    parser.add_argument("--turn", type=float, help="rotation about the vertical axis in degrees")
+    parser.add_argument("--density", type=float, help="kg/m3 (default: 500)")
+    parser.add_argument("--force", action="store_true", help="replace an object or file of the same name")
     return parser
 
 
+@command("add-object")
 def main(arguments: list[str] | None = None) -> int:
-    """Command line of this module."""
-    chosen = command_line().parse_args(arguments)
-    try:
-        add(chosen)
-    except UserError as error:
-        print(f"add-object: {error}", file=sys.stderr)
-        return 2
+    """Run the command."""
+    add(command_line().parse_args(arguments))
     return 0
 
 

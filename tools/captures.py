@@ -1,4 +1,4 @@
-"""`./dev capture`: a printable sheet of tags, and what is wrong with a folder of photos."""
+"""`./dev capture`: print a sheet of AprilTags, or check a folder of photos."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ from pipeline.records.captures import read_capture
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import read_parameters
 from pipeline.records.writing import whole_file
+from pipeline.stages.running import command
 
-DOUBTFUL = 1  # exit code of `check` when it has something to say
+DOUBTFUL = 1  # exit code of `check` when it finds a problem
 
 
 def print_tags(target: Path, count: int, first: int, size: float, page: str) -> None:
-    """Write the PDF and say what to do with it."""
+    """Write the PDF and say how to print it."""
     from pipeline.capture.sheet import tag_sheet
 
     sheet = tag_sheet(range(first, first + count), size, page)
@@ -28,7 +29,7 @@ def print_tags(target: Path, count: int, first: int, size: float, page: str) -> 
 
 
 def check(folder: Path) -> int:
-    """Print what is wrong with a capture and return the exit code."""
+    """Print the problems of a capture and return the exit code."""
     capture = read_capture(folder)
     from pipeline.compute.progress import watched
     from pipeline.reconstruct.inspection import sentences
@@ -49,13 +50,14 @@ def check(folder: Path) -> int:
     tags = sum(len(seen) for seen in sightings.values())
     print(
         f"{folder}: {len(photos)} photos, {tags} sightings of {len(capture.tags.tags)} tags, "
-        f"{len(capture.scene.objects)} objects; {'see above' if found else 'nothing wrong was found'}."
+        f"{len(capture.scene.objects)} objects; {'see above' if found else 'no problems found'}."
     )
     return DOUBTFUL if found else 0
 
 
+@command("capture")
 def main(arguments: list[str] | None = None) -> int:
-    """Command line of this module."""
+    """Run the command."""
     parser = argparse.ArgumentParser(prog="./dev capture", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
     printing = commands.add_parser("print-tags", help="write a PDF of AprilTags in true size, with a ruler")
@@ -64,18 +66,14 @@ def main(arguments: list[str] | None = None) -> int:
     printing.add_argument("--first", type=int, default=0, help="number of the first tag")
     printing.add_argument("--size-mm", type=float, default=60.0, help="edge of the black square")
     printing.add_argument("--page", choices=["a4", "letter"], default="a4")
-    checking = commands.add_parser("check", help="say what is wrong with a capture folder (exit code 1 if anything)")
+    checking = commands.add_parser("check", help="report problems of a capture folder (exit code 1 if there are any)")
     checking.add_argument("folder", type=Path)
     chosen = parser.parse_args(arguments)
-    try:
-        if chosen.command == "check":
-            return check(chosen.folder)
-        if not 5 <= chosen.size_mm <= 200:
-            raise UserError(f"--size-mm {chosen.size_mm:g} is out of range; choose 5 to 200.")
-        print_tags(chosen.out, chosen.count, chosen.first, chosen.size_mm / 1000, chosen.page)
-    except UserError as error:
-        print(error, file=sys.stderr)
-        return 2
+    if chosen.command == "check":
+        return check(chosen.folder)
+    if not 5 <= chosen.size_mm <= 200:
+        raise UserError(f"--size-mm {chosen.size_mm:g} is out of range; choose 5 to 200.")
+    print_tags(chosen.out, chosen.count, chosen.first, chosen.size_mm / 1000, chosen.page)
     return 0
 
 

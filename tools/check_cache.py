@@ -1,8 +1,8 @@
-"""Reads every file in DVC's cache and compares it with the hash that is its name; removes what is damaged.
+"""Compare every file in DVC's cache with the hash in its name, and remove the damaged ones.
 
-DVC trusts its cache: a file in it that a disk, a copy or a program damaged is handed out as a result, and even put in
-the place of a fresh one. Run this when data look wrong, or after a disk was full or failed. What is removed, here and
-where `dvc.lock` says it was handed out, is computed again by `dvc repro`, or fetched by `dvc pull`.
+DVC trusts its cache: a file in it that was damaged by a disk, a copy or a program is checked out as a result, and even
+replaces a fresh one. Run this when data look wrong, or after a disk was full or failed. What is removed, from the cache
+and from the outputs in `dvc.lock` that were checked out from it, is recomputed by `dvc repro` or fetched by `dvc pull`.
 """
 
 from __future__ import annotations
@@ -19,16 +19,17 @@ import yaml
 
 from pipeline.records.errors import UserError
 from pipeline.records.texts import parse_json, parse_yaml
+from pipeline.stages.running import command
 
 LOCK_FILE = Path("dvc.lock")
 BLOCK = 1 << 20  # bytes
 
 
 def cache_folder() -> Path:
-    """Return where the cache lies; `dvc cache dir` may have moved it.
+    """Return the folder of the cache, which `dvc cache dir` may have moved.
 
     Raises:
-        UserError: this is no DVC repository.
+        UserError: this is not a DVC repository.
     """
     from dvc.exceptions import NotDvcRepoError
     from dvc.repo import Repo
@@ -37,7 +38,7 @@ def cache_folder() -> Path:
         with Repo() as repository:
             return Path(repository.cache.local.path)
     except NotDvcRepoError as error:
-        raise UserError("there is no DVC repository here; run in the repository's root.") from error
+        raise UserError("this is not a DVC repository; run the command in the root of the repository.") from error
 
 
 def _hash(path: Path) -> str:
@@ -49,14 +50,14 @@ def _hash(path: Path) -> str:
 
 
 def damaged(cache: Path) -> Iterator[Path]:
-    """Yield the cached files whose content is not what their name says."""
+    """Yield the cached files whose content does not match the hash in their name."""
     for path in sorted(cache.glob("??/*")):
         if path.is_file() and _hash(path) != (path.parent.name + path.name).removesuffix(".dir"):
             yield path
 
 
-def handed_out(cache: Path, hashes: set[str]) -> list[Path]:
-    """Return the outputs in `dvc.lock` that are, or hold, one of the hashes.
+def checked_out(cache: Path, hashes: set[str]) -> list[Path]:
+    """Return the outputs in `dvc.lock` that have, or contain a file with, one of the hashes.
 
     Raises:
         UserError: `dvc.lock` is damaged.
@@ -72,7 +73,7 @@ def handed_out(cache: Path, hashes: set[str]) -> list[Path]:
 
 
 def _members(cache: Path, name: str) -> list[str]:
-    """Return the hashes of the files in a cached folder; none for a file, or where its list is missing."""
+    """Return the hashes of the files in a cached folder; none for a file, or if the folder's list is missing."""
     if not name.endswith(".dir"):
         return []
     try:
@@ -82,9 +83,9 @@ def _members(cache: Path, name: str) -> list[str]:
 
 
 def check(cache: Path) -> list[Path]:
-    """Remove the damaged files and where they were handed out; return all that was removed."""
+    """Remove the damaged files and the outputs checked out from them; return all that was removed."""
     found = list(damaged(cache))
-    spoilt = handed_out(cache, {path.parent.name + path.name for path in found})
+    spoilt = checked_out(cache, {path.parent.name + path.name for path in found})
     for path in found:
         path.chmod(0o644)
         path.unlink()
@@ -93,17 +94,14 @@ def check(cache: Path) -> list[Path]:
     return found + spoilt
 
 
+@command("check_cache")
 def main(arguments: list[str] | None = None) -> int:
-    """Command line of this module; exit code 1: something was damaged."""
+    """Run the command; exit code 1: something was damaged."""
     argparse.ArgumentParser(prog="python -m tools.check_cache", description=__doc__).parse_args(arguments)
-    try:
-        removed = check(cache_folder())
-    except UserError as error:
-        print(f"check_cache: {error}", file=sys.stderr)
-        return 2
+    removed = check(cache_folder())
     for path in removed:
-        print(f"removed {path}: damaged, or made of what is damaged")
-    print("`dvc repro` makes them again" if removed else "every file in DVC's cache is what its name says")
+        print(f"removed {path}: damaged, or checked out from a damaged file")
+    print("`dvc repro` recomputes them" if removed else "every file in DVC's cache matches its hash")
     return 1 if removed else 0
 
 

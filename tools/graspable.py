@@ -1,6 +1,6 @@
-"""Which widths the hand can hold.
+"""Which widths of objects the hand can hold.
 
-Measured with synthesis and validation as they are, on upright shapes of 500 kg/m3: boxes of square base and 60 mm
+Measured with synthesis and validation as configured, on upright shapes of 500 kg/m3: boxes of square base and 60 mm
 height for a pinch (96 chains each), cylinders for a side grasp (192 chains). Chains that ended in a validated grasp:
 
 =====  ========================================================================================================
@@ -37,12 +37,12 @@ def caliper_width(vertices: NDArray[np.float64]) -> float:
 
 
 def verdict(style: str, prepared: PreparedObject) -> str:
-    """Return whether the width of an object fits a style, in words."""
+    """Return in words whether the width of an object fits a style."""
     width = caliper_width(prepared.vertices)
     (low, high), (least, most) = READILY[style], HARDLY[style]
     said = f"{1000 * width:.1f} mm wide: "
     if low <= width <= high:
         return said + "fits"
     if least <= width <= most:
-        return said + f"hardly fits, expect few grasps ({1000 * low:.0f} to {1000 * high:.0f} mm are best)"
-    return said + f"does not fit, expect no grasp ({1000 * low:.0f} to {1000 * high:.0f} mm are best)"
+        return said + f"barely fits, expect few grasps ({1000 * low:.0f} to {1000 * high:.0f} mm are best)"
+    return said + f"does not fit, expect no grasps ({1000 * low:.0f} to {1000 * high:.0f} mm are best)"

@@ -1,4 +1,4 @@
-"""System libraries that the packages load: try each, install missing ones when root, or say what to install.
+"""System libraries that the packages load: try each, and install what is missing (as root) or say what to install.
 
 Only the standard library is used, so that this runs before anything is installed. Which package needs what was found
 by reading the wheels' dynamic sections and by importing them with each library hidden.
@@ -54,7 +54,7 @@ def missing_libraries() -> list[Library]:
 
 
 def advice(missing: list[Library]) -> str:
-    """One line: what to install, and which stages cannot run without it."""
+    """Return one line: what to install, and which stages cannot run without it."""
     stages = sorted({stage for library in missing for stage in library.stages})
     packages = " ".join(library.package for library in missing)
     return f"run `sudo apt-get install {packages}`: without it the stages {', '.join(stages)} cannot run."
@@ -75,7 +75,7 @@ def install(missing: list[Library]) -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Check, install if possible, and return 0 or :data:`MISSING`."""
     parser = argparse.ArgumentParser(prog="python -m tools.libraries", description=__doc__)
-    parser.add_argument("--no-install", action="store_true", help="only say what is missing, also as root")
+    parser.add_argument("--no-install", action="store_true", help="only report what is missing, even as root")
     chosen = parser.parse_args(arguments)
     missing = missing_libraries()
     if missing and not chosen.no_install and os.geteuid() == 0 and shutil.which("apt-get"):

@@ -1,99 +1,115 @@
-"""Entries added to the text of `params.yaml` without touching any other byte of it: comments and layout stay."""
+"""The user's own objects in the text of `params.yaml`: entries added by a round trip that keeps comments and quotes."""
 
 from __future__ import annotations
 
+import io
 import json
+import re
+from collections import Counter
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import yaml
+from ruamel.yaml import YAML
+from ruamel.yaml.error import CommentMark, YAMLError
+from ruamel.yaml.representer import RoundTripRepresenter
+from ruamel.yaml.tokens import CommentToken
+from ruamel.yaml.util import load_yaml_guess_indent
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 
 
-def _child(node: yaml.Node, key: str) -> yaml.Node:
-    """Return the value node of ``key`` in a mapping node."""
-    assert isinstance(node, yaml.MappingNode)
-    return next(value for name, value in node.value if name.value == key)
+class _Representer(RoundTripRepresenter):
+    """Writes null as ``null``, where ruamel.yaml would leave the value out."""
 
 
-def _end_of_content(node: yaml.Node) -> int:
-    """Return the index behind the last leaf of ``node``; the end of a block collection would include comments."""
-    if isinstance(node, yaml.ScalarNode) or node.flow_style or not node.value:
-        return int(node.end_mark.index)
-    last = node.value[-1]
-    return _end_of_content(last[1] if isinstance(last, tuple) else last)
+_Representer.add_representer(
+    type(None), lambda representer, _: representer.represent_scalar("tag:yaml.org,2002:null", "null")
+)
 
 
-def _flow(value: Any) -> str:
-    return yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=10**6).removesuffix("\n...\n").strip()
+def _loaded(text: str) -> tuple[YAML, Any]:
+    """Return the content of ``text`` with its layout, and what writes it with the same indents."""
+    editor = YAML()
+    editor.Representer = _Representer
+    editor.preserve_quotes = True
+    editor.width = 10**6  # columns; no value is wrapped
+    content, sequence, offset = load_yaml_guess_indent(text, yaml=editor)
+    first = re.search(r"^( +)\S", text, re.MULTILINE)
+    mapping = len(first[1]) if first else 2
+    editor.indent(mapping, *((2, 0) if offset is None else (sequence, offset)))
+    return editor, content
 
 
-def _added(text: str, node: yaml.Node, parent_indent: int, block: list[str], flow: str) -> str:
-    """Return ``text`` with an item added at the end of the collection ``node``.
-
-    Args:
-        parent_indent: column of the key that holds the collection.
-        block: lines of the item, as written in a block collection, without indent.
-        flow: the item as written between brackets.
-    """
-    if node.flow_style and node.value:
-        last = node.value[-1]
-        at = _end_of_content(last[1] if isinstance(last, tuple) else last)
-        return f"{text[:at]}, {flow}{text[at:]}"
-    if node.flow_style:  # {} or []
-        lines = "".join(f"\n{' ' * (parent_indent + 2)}{line}" for line in block)
-        return text[: node.start_mark.index].rstrip(" ") + lines + text[node.end_mark.index :]
-    end = text.find("\n", _end_of_content(node))
-    end = len(text) if end < 0 else end
-    return text[:end] + "".join(f"\n{' ' * node.start_mark.column}{line}" for line in block) + text[end:]
+def _last_value(holder: Any, key: Any) -> tuple[Any, Any]:
+    """Return the collection and the key in it of the last value that is written under ``holder[key]``."""
+    value = holder[key]
+    if not (value and isinstance(value, dict | list)):
+        return holder, key
+    return _last_value(value, next(reversed(value)) if isinstance(value, dict) else len(value) - 1)
 
 
-def _with_item(text: str, path: list[str], block: list[str], flow: str) -> str:
-    node: yaml.Node = yaml.compose(text, Loader=yaml.SafeLoader)
-    for key in path:
-        node = _child(node, key)
-    return _added(text, node, 2 * (len(path) - 1), block, flow)
+def _change(holder: Any, key: Any, change: Callable[[], None]) -> None:
+    """Change ``holder[key]``; comments on the lines below it stay there, above what follows."""
+    last, at = _last_value(holder, key)
+    token = next(filter(None, last.ca.items.get(at, ())), None)
+    beside, _, below = token.value.partition("\n") if token else ("", "", "")
+    if token and beside:
+        token.value = f"{beside}\n"
+    elif token:
+        del last.ca.items[at]
+    change()
+    if below:
+        last, at = _last_value(holder, key)
+        token = CommentToken(f"\n{below}", CommentMark(0))
+        last.ca.items[at] = [token, None] if isinstance(last, list) else [None, None, token, None]
+    if len(holder[key]) == 1:
+        holder[key].fa.set_block_style()  # it was {} or []
 
 
-def _without_first(text: str, path: list[str], key: str) -> str:
-    """Return ``text`` without the lines of the first entry ``key`` of the block mapping at ``path``."""
-    node: yaml.Node = yaml.compose(text, Loader=yaml.SafeLoader)
-    for part in path:
-        node = _child(node, part)
-    name, value = next(pair for pair in node.value if pair[0].value == key)
-    begin = text.rfind("\n", 0, name.start_mark.index) + 1
-    end = text.find("\n", _end_of_content(value))
-    return text[:begin] + (text[end + 1 :] if end >= 0 else "")
+def _changed(text: str, name: str, entry: dict[str, Any], styles: list[str]) -> str:
+    editor, content = _loaded(text)
+    # PyYAML writes the values so that it reads them back: 1e-05, for one, is a text to it.
+    mesh = _loaded(yaml.safe_dump(entry, sort_keys=False))[1]
+    at = (content["meshes"], name) if name in content["meshes"] else (content, "meshes")
+    _change(*at, lambda: content["meshes"].update({name: mesh}))
+    for style in styles:
+        if name not in content["styles"][style]:
+            _change(content["styles"], style, partial(content["styles"][style].append, name))
+    written = io.StringIO()
+    editor.dump(content, written)
+    return written.getvalue()
+
+
+def _comments(text: str) -> Counter[str]:
+    return Counter(comment.rstrip() for comment in re.findall(r"#.*", text))
 
 
 def with_mesh(text: str, name: str, entry: dict[str, Any], styles: list[str]) -> str:
     """Return the text of ``params.yaml`` with the object ``name`` under ``meshes`` and in the lists of ``styles``.
 
-    An entry of that name is replaced; styles that already list it still do.
+    An entry of that name is replaced; styles that already list it still do. Comments, order, quotes and indents stay.
 
     Raises:
-        UserError: the text is written in a way to which no line can be added safely.
+        UserError: the text is written in such a way that the entries cannot be added safely.
     """
-    before = yaml.safe_load(text)
-    expected = json.loads(json.dumps(before))  # a copy in which no two names share a value
+    expected = json.loads(json.dumps(yaml.safe_load(text)))  # a copy in which no two names share a value
+    replaced = expected["meshes"].get(name)
     expected["meshes"][name] = entry
-    lines = [f"{name}:", *(f"  {key}: {_flow(value)}" for key, value in entry.items())]
-    changed = None
+    for style in styles:
+        if name not in expected["styles"][style]:
+            expected["styles"][style].append(name)
     try:
-        changed = _with_item(text, ["meshes"], lines, f"{name}: {_flow(entry)}")
-        if name in before["meshes"]:
-            changed = _without_first(changed, ["meshes"], name)
-        for style in styles:
-            if name not in before["styles"][style]:
-                expected["styles"][style].append(name)
-                changed = _with_item(changed, ["styles", style], [f"- {name}"], name)
-        sound = yaml.safe_load(changed) == expected
-    except yaml.YAMLError:
+        changed = _changed(text, name, entry, styles)
+        sound = yaml.safe_load(changed) == expected and (replaced or _comments(text) <= _comments(changed))
+    except (yaml.YAMLError, YAMLError):
         sound = False
-    if changed is None or not sound:
-        by_hand = ", ".join([f"`{name}: {_flow(entry)}` under meshes", *(f"{name} in styles.{s}" for s in styles)])
-        raise UserError(f"{paths.PARAMETERS_FILE} is written in a way that cannot be added to; write {by_hand} there.")
+    if not sound:
+        flow = yaml.safe_dump({name: entry}, default_flow_style=True, sort_keys=False, width=10**6).strip()[1:-1]
+        by_hand = ", ".join([f"`{flow}` under meshes", *(f"{name} in styles.{style}" for style in styles)])
+        raise UserError(f"{paths.PARAMETERS_FILE} cannot be extended in the way it is written; add {by_hand} yourself.")
     return changed
 
 

@@ -1,9 +1,9 @@
-"""Removes what killed stages and a killed DVC left behind.
+"""Remove what killed stages and a killed DVC left behind.
 
-A stage that is killed while it writes leaves a temporary file or folder, which is worth nothing. DVC writes two of its
-own files in place, so that a kill can cut them off, and refuses to run with either. Its list of who is busy is removed
-then. Its record `dvc.lock` is moved to `dvc.lock.damaged.tmp`: DVC knows all runs from its cache too, and restores
-their results instead of computing them.
+A stage that is killed while writing leaves a temporary file or folder of no value. DVC writes two of its own files in
+place: a kill can truncate them, and DVC then refuses to run. Its list of running processes is removed in that case.
+Its record `dvc.lock` is moved to `dvc.lock.damaged.tmp`: DVC also knows all runs from its cache, and restores their
+results instead of recomputing them.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ def abandoned_files() -> list[Path]:
     )
 
 
-def cut_off_files() -> list[Path]:
-    """Return those of DVC's own files that a kill cut off; none while another DVC holds its lock."""
+def truncated_files() -> list[Path]:
+    """Return those of DVC's own files that a kill truncated; none while another DVC holds its lock."""
     found = []
     try:
         if not isinstance(parse_json(BUSY_FILE.read_text()), dict):
@@ -75,8 +75,8 @@ def _dvc_runs() -> bool:
 
 
 def mend() -> list[Path]:
-    """Put aside what :func:`cut_off_files` finds, and return it."""
-    found = cut_off_files()
+    """Set aside what :func:`truncated_files` finds, and return it."""
+    found = truncated_files()
     for path in found:
         if path == LOCK_FILE:
             path.replace(path.with_name(f"{path.name}.damaged.tmp"))
@@ -97,10 +97,10 @@ def prune() -> list[Path]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Command line of this module."""
+    """Run the command."""
     argparse.ArgumentParser(prog="python -m tools.prune", description=__doc__).parse_args(arguments)
     for path in mend():
-        print(f"put aside {path}: a killed DVC left it cut off; what it says is known from the cache", file=sys.stderr)
+        print(f"set aside {path}: a killed DVC left it truncated; its content is known from the cache", file=sys.stderr)
     for path in prune():
         print(f"removed {path}: a killed process left it half-written", file=sys.stderr)
     return 0

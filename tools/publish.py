@@ -2,8 +2,8 @@
 
 Copies what names and measures the run to a folder that git keeps: parameters, `dvc.lock` (the fingerprint of every
 input and output), metrics, costs, the heat maps, every trial's outcome, and the machine. With `--page`, the tables of
-that page (`<!-- table: name -->`) are written anew from it. Data stay in DVC's cache: `dvc push` shares them. Costs are
-those of each stage's latest run, so publish one that computed every item (`./dev repro --force`).
+that page (`<!-- table: name -->`) are rewritten from it. The data stay in DVC's cache: `dvc push` shares them. Costs
+are those of each stage's latest run, so publish one that computed every item (`./dev repro --force`).
 """
 
 from __future__ import annotations
@@ -23,8 +23,10 @@ import yaml
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import Parameters, read_parameters
+from pipeline.records.sources import OF_ALL_PAIRS
 from pipeline.records.tables import TRIALS, read_table
 from pipeline.records.writing import whole_file
+from pipeline.stages.running import command
 from tools.machine import package_versions
 from tools.published_tables import published_tables, with_tables
 
@@ -45,14 +47,14 @@ def require_up_to_date() -> None:
 
 
 def all_trials(parameters: Parameters) -> pd.DataFrame:
-    """Return the rows of all standard and harder trials, ``table`` being the source or the setting.
+    """Return the rows of all standard and harder trials; ``table`` is the source or the setting.
 
     Raises:
         UserError: a table is missing or damaged.
     """
     files = {
         (source, first): (paths.trials_file(source, first), f"evaluate@{source}")
-        for source in paths.SOURCES
+        for source in OF_ALL_PAIRS
         for first, seconds in parameters.partners().items()
         if seconds
     }
@@ -62,7 +64,7 @@ def all_trials(parameters: Parameters) -> pd.DataFrame:
 
 
 def machine() -> dict[str, object]:
-    """Return what the run was made on, and with which versions."""
+    """Return the machine of the run and the versions of its packages."""
     return {
         "system": f"{platform.system()} {platform.machine()}",
         "processor": processor(),
@@ -73,7 +75,7 @@ def machine() -> dict[str, object]:
 
 
 def processor() -> str:
-    """Return the processor's name as the kernel gives it, or an empty text."""
+    """Return the processor's name as the kernel reports it, or an empty string."""
     file = Path("/proc/cpuinfo")
     lines = file.read_text().splitlines() if file.exists() else []
     return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "")
@@ -117,26 +119,23 @@ def tables_of(folder: Path) -> dict[str, str]:
         parameters = yaml.safe_load((folder / paths.PARAMETERS_FILE.name).read_text())
         return published_tables(summary, durations, trials, parameters)
     except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError) as error:
-        raise UserError(f"{folder} is no published result ({error}); publish a finished run there first.") from error
+        raise UserError(f"{folder} is not a published result ({error}); publish a finished run there first.") from error
 
 
+@command("publish")
 def main(arguments: list[str] | None = None) -> int:
-    """Command line of this module."""
+    """Run the command."""
     parser = argparse.ArgumentParser(prog="python -m tools.publish", description=__doc__.split("\n")[0])
-    parser.add_argument("folder", type=Path, help="where to, such as results/paper")
-    parser.add_argument("--page", type=Path, help="Markdown page whose tables are written anew")
-    parser.add_argument("--page-only", action="store_true", help="take the folder as it is; only write the page")
+    parser.add_argument("folder", type=Path, help="destination, such as results/paper")
+    parser.add_argument("--page", type=Path, help="Markdown page whose tables are rewritten")
+    parser.add_argument("--page-only", action="store_true", help="leave the folder as it is and only rewrite the page")
     chosen = parser.parse_args(arguments)
-    try:
-        if not chosen.page_only:
-            publish(chosen.folder)
-        if chosen.page:
-            page = with_tables(chosen.page.read_text(), tables_of(chosen.folder))
-            with whole_file(chosen.page) as temporary:
-                temporary.write_text(page)
-    except UserError as error:
-        print(error, file=sys.stderr)
-        return 2
+    if not chosen.page_only:
+        publish(chosen.folder)
+    if chosen.page:
+        page = with_tables(chosen.page.read_text(), tables_of(chosen.folder))
+        with whole_file(chosen.page) as temporary:
+            temporary.write_text(page)
     print(f"{chosen.folder}: {', '.join(sorted(file.name for file in chosen.folder.iterdir()))}")
     return 0
 

@@ -1,4 +1,4 @@
-"""The tables of a published result, as Markdown, from what the report and the stages left: no figure is typed."""
+"""The tables of a published result, as Markdown, from the outputs of the stages: no figure is typed by hand."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import pandas as pd
 
 from pipeline.records.parameters.pairs import partners
+from pipeline.records.sources import OF_ALL_PAIRS
 from pipeline.report.paper import (
     MEAN_SUCCESS,
     MINIMUM_SUCCESS,
@@ -19,18 +20,18 @@ from pipeline.report.paper import (
 )
 from pipeline.report.rates import PairTrials, mean, pair_trials, wilson_interval
 
-STANDARD = {"synthesized": "SG", "learned": "LG"}
+STANDARD = {name: source.abbreviation for name, source in OF_ALL_PAIRS.items()}
 STAGES = ("prepare", "synthesize", "validate", "merge", "train", "sample", "evaluate", "evaluate-harder")
-# How results that were published before stages were named by style and source call these.
+# Names in results that were published before stages were named by style and source.
 EARLIER_SOURCES = {"data/merge": "synthesized", "data/train": "learned"}
 BLOCK = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 Parameters = Mapping[str, Any]
 
 
 def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table."""
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines) + "\n"
+    """Return a Markdown table."""
+    table = pd.DataFrame(rows, columns=list(header))
+    return table.to_markdown(index=False, tablefmt="github", disable_numparse=True) + "\n"
 
 
 def percent(value: float, digits: int = 1) -> str:
@@ -97,11 +98,12 @@ def headline(trials: pd.DataFrame, pairs: Sequence[tuple[str, str]]) -> str:
             lambda own: f"{len(own)}, {sum(pair.trials for pair in own)}",
         ),
     ]
-    return markdown(["", "SG", "paper's SG", "LG", "paper's LG"], rows)
+    header = [cell for name in STANDARD.values() for cell in (name, f"paper's {name}")]
+    return markdown(["", *header], rows)
 
 
 def matrix(trials: pd.DataFrame, source: str, parameters: Parameters) -> str:
-    """Successes of every pair; pairs that are never trained together in italics."""
+    """Successes of every pair; pairs held out of the training in italics."""
     own, seconds = trials[trials["table"] == source], parameters["styles"]["side"]
     unseen = [tuple(pair) for pair in parameters["train"]["data"]["held_out_pairs"]] if source == "learned" else []
     rows = []
@@ -115,7 +117,7 @@ def matrix(trials: pd.DataFrame, source: str, parameters: Parameters) -> str:
 
 
 def failures(trials: pd.DataFrame, tables: Sequence[str]) -> str:
-    """How many trials of each table ended for each reason."""
+    """Failures of each table, counted by reason."""
     failed = trials[~trials["success"]]
     reasons = sorted(failed.loc[failed["table"].isin(tables), "reason"].unique())
     counts = {name: failed.loc[failed["table"] == name, "reason"].value_counts() for name in tables}
@@ -125,7 +127,7 @@ def failures(trials: pd.DataFrame, tables: Sequence[str]) -> str:
 
 
 def harder(trials: pd.DataFrame, parameters: Parameters) -> str:
-    """Successes of the pairs of harder settings beside those of the same standard trials."""
+    """Successes under harder settings beside those of the same standard trials."""
     section = parameters["harder"]
     pairs = [(first, second) for first, second in section["pairs"]]
     sources = {
@@ -155,7 +157,7 @@ def harder(trials: pd.DataFrame, parameters: Parameters) -> str:
 
 
 def single_grasps(summary: Mapping[str, Any], durations: Mapping[str, Any], parameters: Parameters) -> str:
-    """Chains and survivors of every object beside the paper's Table I, and what a style costs."""
+    """Chains and survivors of every object beside the paper's Table I, and the cost of each style."""
     rows = []
     for style in ("pinch", "side"):
         names = parameters["styles"][style]
@@ -183,7 +185,7 @@ def single_grasps(summary: Mapping[str, Any], durations: Mapping[str, Any], para
 
 
 def _marks(part: str) -> tuple[str, str]:
-    """How the name of a stage goes on for a style or a source: ``validate@pinch``, earlier ``validate-pinch@cube``."""
+    """What follows a stage's name for a style or a source: ``validate@pinch``, earlier ``validate-pinch@cube``."""
     return f"@{part}", f"-{part}@"
 
 
@@ -192,7 +194,7 @@ def _cpu_seconds(durations: Mapping[str, Mapping[str, float]], stages: tuple[str
 
 
 def merges(summary: Mapping[str, Any], parameters: Parameters) -> str:
-    """Share of the combinations that merge, in percent, of every pair."""
+    """Acceptance rate of the merge for every pair, in percent."""
     seconds, rows = parameters["styles"]["side"], []
     for first, tried in partners_of(parameters).items():
         cells = dict.fromkeys(seconds, "")
@@ -255,6 +257,6 @@ def with_tables(page: str, tables: Mapping[str, str]) -> str:
     """Return the page with every ``<!-- table: name -->`` block holding that table.
 
     Raises:
-        KeyError: the page asks for a table that there is not.
+        KeyError: the page names a table that does not exist.
     """
     return BLOCK.sub(lambda block: block[1] + tables[block[2]] + block[3], page)

@@ -1,7 +1,8 @@
 """`params.yaml` composed from `conf/`: by DVC's own Hydra composition, and never over hand edits by accident.
 
-`conf/config.yaml` holds what all scales share, `conf/scale/<scale>.yaml` what differs, `conf/hand/<hand>.yaml` which
-fingers of a hand hold what, `conf/preset/<preset>.yaml` what replaces settings of synthesis, validation or the model.
+A parameter has its typed default (`pipeline/records/parameters/`) unless a file of `conf/` gives another value: for a
+scale in `conf/scale`, for the fingers of a hand in `conf/hand`, for the synthesis, the validation or the model in
+`conf/preset`. `conf/config.yaml` gives the values of parameters that have no default.
 The composed file is committed, because DVC and the stages read it alone; it may be edited by hand at any time.
 """
 
@@ -20,6 +21,7 @@ from pipeline.records.errors import UserError
 from pipeline.records.parameters import read_parameters, require_allegro
 from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.writing import whole_file
+from pipeline.stages.running import command
 from tools.parameter_text import own_meshes, with_mesh, without_meshes
 
 CONFIG_FOLDER = Path("conf")
@@ -44,6 +46,9 @@ def compose(scale: str, target: Path, preset: str = DEFAULT_PRESET, hand: str = 
             raise UserError(f"there is no {group} {name!r} in {CONFIG_FOLDER}/{group}; use one of {known}.")
     from dvc.utils.hydra import compose_and_dump
 
+    from tools.typed_defaults import register
+
+    register()
     with tempfile.TemporaryDirectory() as folder:
         composed = Path(folder) / "params.yaml"
         chosen = [f"scale={scale}", f"hand={hand}", f"preset={preset}"]
@@ -136,6 +141,7 @@ def describe() -> str:
     )
 
 
+@command("scales")
 def main(arguments: list[str] | None = None) -> int:
     """Command line of this module."""
     parser = argparse.ArgumentParser(prog="python -m tools.scales", description=__doc__)
@@ -148,15 +154,11 @@ def main(arguments: list[str] | None = None) -> int:
     composing.add_argument("--hand", default=ALLEGRO, help="a file of conf/hand (default: %(default)s)")
     composing.add_argument("--force", action="store_true", help="overwrite hand edits")
     chosen = parser.parse_args(arguments)
-    try:
-        composing_now = chosen.command == "compose"
-        if not composing_now and chosen.everything:
-            require_allegro(read_parameters())
-        said = switch(chosen.scale, chosen.force, chosen.preset, chosen.hand) if composing_now else describe()
-        print(said, file=sys.stderr)
-    except UserError as error:
-        print(error, file=sys.stderr)
-        return 2
+    composing_now = chosen.command == "compose"
+    if not composing_now and chosen.everything:
+        require_allegro(read_parameters())
+    said = switch(chosen.scale, chosen.force, chosen.preset, chosen.hand) if composing_now else describe()
+    print(said, file=sys.stderr)
     return 0
 
 

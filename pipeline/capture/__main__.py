@@ -6,17 +6,15 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pipeline.records import paths
 from pipeline.records.digests import digest, prepared_digest
-from pipeline.records.errors import UserError
 from pipeline.records.objects import load_prepared_object
-from pipeline.records.parameters import load_parameters, read_parameters
+from pipeline.records.parameters import load_with_workers
+from pipeline.records.parameters.names import require_name
 from pipeline.stages.code import own_fingerprint
-from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
+from pipeline.stages.items import Keep, Stage, make_by_hand, make_items, one_by_one
 from pipeline.stages.outputs import Folders
 from pipeline.stages.running import run_stage
 
@@ -33,13 +31,10 @@ def sections() -> list[str]:
 
 def capture(only: str) -> None:
     """Render the captures that are not up to date, or one by hand."""
-    parameters = load_parameters(sections())
-    workers, renderings, seed = read_parameters().compute, parameters["renderings"], parameters["seed"]
-    if only and only not in renderings:
-        raise UserError(
-            f"params.yaml: there is no capture {only!r} under `renderings`; add it there, or use one of "
-            f"{', '.join(sorted(renderings)) or 'none yet'}."
-        )
+    parameters, workers = load_with_workers(sections())
+    renderings, seed = parameters["renderings"], parameters["seed"]
+    if only:
+        require_name(only, renderings, "renderings", kind="capture")
     names = [only] if only else list(renderings)
     digests = {name: [prepared_digest(item) for item in renderings[name].objects] for name in names}
 
@@ -49,15 +44,12 @@ def capture(only: str) -> None:
         objects = {item: load_prepared_object(item) for item in renderings[name].objects}
         keep(name, (yield from rendering(name, objects, renderings[name], seed)))
 
-    def begin(keys: Sequence[str], keep: Keep) -> list[tuple[str, Any]]:
-        return [(name, partial(work, name, keep)) for name in keys]
-
     if only:
-        make_by_hand(STAGE, names, begin, workers)
+        make_by_hand(STAGE, names, one_by_one(work), workers)
         return
     common = digest(own_fingerprint("capture"), seed)
     fingerprints = {name: digest(common, name, renderings[name], digests[name]) for name in names}
-    make_items(STAGE, fingerprints, begin, workers)
+    make_items(STAGE, fingerprints, one_by_one(work), workers)
 
 
 def main() -> int:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import trimesh
 import yaml
 from numpy.typing import NDArray
 
@@ -21,6 +22,7 @@ from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.capture import RenderingParameters
 from pipeline.records.poses import pose_matrix
 from pipeline.records.writing import json_text, whole_folder
+from pipeline.stages.outputs import write_files
 from pipeline.stages.seeds import item_generator
 
 
@@ -93,8 +95,6 @@ def _tags_text(settings: RenderingParameters) -> str:
 
 def _surface(solid: Solid) -> bytes:
     """Return the surface of a solid in the scene as PLY."""
-    import trimesh
-
     content: Any = trimesh.Trimesh(solid.placed(), solid.faces, process=False).export(file_type="ply")
     return bytes(content)
 
@@ -144,6 +144,4 @@ def render_capture(
     """
     files = run_one(rendering(name, objects, settings, seed), workers, f"photos of {name}")
     with whole_folder(folder) as temporary:
-        for path, content in files.items():
-            (temporary / path).parent.mkdir(parents=True, exist_ok=True)
-            (temporary / path).write_bytes(content)
+        write_files(temporary, files)

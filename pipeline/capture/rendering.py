@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
+import cv2
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from pipeline.capture.layout import FOAM, TABLE
 from pipeline.capture.texture import Print, foam_colours
+from pipeline.pictures.render import SUBSAMPLES
+from pipeline.shapes.rays import ray_scene
 
 LIGHT = np.array([0.35, -0.25, 1.0], np.float32)
 LIGHT_SPREAD = 0.08
 AMBIENT, KEY = 0.45, 0.75
-SUBSAMPLES = ((0.375, 0.125), (0.875, 0.375), (0.125, 0.625), (0.625, 0.875))
 PALETTE = np.array([[0.8, 0.3, 0.15], [0.2, 0.45, 0.75], [0.75, 0.65, 0.2], [0.3, 0.65, 0.35]], np.float32)
 
 
@@ -42,8 +44,6 @@ class Lens:
 
     def directions(self, offset: tuple[float, float]) -> NDArray[np.float32]:
         """Return rays (height * width, 3) in the camera frame, z = 1, through ``offset`` (0 to 1) of each pixel."""
-        import cv2
-
         x = (np.arange(self.width) + offset[0] - self.width / 2) / self.focal
         y = (np.arange(self.height) + offset[1] - self.height / 2) / self.focal
         grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 1, 2)
@@ -58,22 +58,14 @@ class Stage:
     """A scene ready for rays. Geometry 0 is the table, 1 the foam, objects follow."""
 
     def __init__(self, solids: list[Solid], foam: NDArray[np.float32], block: Print, texture: float, gloss: float):
-        import open3d
-        import trimesh
-
-        self.rays: Any = open3d.t.geometry.RaycastingScene(nthreads=1)
         self.solids, self.foam, self.block, self.texture, self.gloss = solids, foam, block, texture, gloss
         table = trimesh.creation.box((*TABLE, 0.03)).apply_translation([0, 0, -FOAM[2] - 0.015])
         foam_box = trimesh.creation.box(FOAM).apply_translation([0, 0, -FOAM[2] / 2])
-        for vertices, faces in [
+        self.rays = ray_scene(
             (table.vertices, table.faces),
             (foam_box.vertices, foam_box.faces),
             *((solid.placed(), solid.faces) for solid in solids),
-        ]:
-            self.rays.add_triangles(
-                open3d.core.Tensor(np.ascontiguousarray(vertices, np.float32)),
-                open3d.core.Tensor(np.ascontiguousarray(faces, np.uint32)),
-            )
+        )
 
     def _colours(self, body: NDArray[np.uint32], points: NDArray[np.float32]) -> NDArray[np.float32]:
         colours = np.full(points.shape, 0.25, np.float32)

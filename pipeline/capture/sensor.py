@@ -5,8 +5,10 @@ from __future__ import annotations
 import io
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from pipeline.records.parameters.capture import RenderingParameters
 
@@ -15,8 +17,6 @@ def photograph(
     light: NDArray[np.float32], settings: RenderingParameters, random: np.random.Generator
 ) -> NDArray[np.uint8]:
     """Return the stored pixels (h, w, 3), sRGB-like gamma, of a picture in linear light."""
-    import cv2
-
     picture: Any = light * np.float32(np.exp(settings.exposure * random.standard_normal()))
     angle, length = np.pi * random.random(), settings.motion_blur * random.random()
     if length > 0.5:
@@ -39,8 +39,6 @@ def photograph(
 
 def jpeg_bytes(pixels: NDArray[np.uint8], quality: int) -> bytes:
     """Return a JPEG file without metadata."""
-    from PIL import Image
-
     target = io.BytesIO()
     Image.fromarray(pixels).save(target, format="JPEG", quality=quality)
     return target.getvalue()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -61,8 +62,6 @@ class Print:
 
 def foam_picture(tags: int, tag_size: float, random: np.random.Generator) -> NDArray[np.float32]:
     """Return the top of the foam (rows along -y, columns along +x), linear brightness 0 to 1, tags laid on it."""
-    import cv2
-
     width, height = round(FOAM[0] / FOAM_PIXEL), round(FOAM[1] / FOAM_PIXEL)
     grain = _noise((height // 4, width // 4), (5.0, 12.0, 30.0), random).astype(np.float32)
     foam = np.clip(0.30 + 0.07 * cv2.resize(grain, (width, height), interpolation=cv2.INTER_CUBIC), 0.02, 1)
@@ -87,8 +86,6 @@ def foam_picture(tags: int, tag_size: float, random: np.random.Generator) -> NDA
 
 def foam_colours(picture: NDArray[np.float32], x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the foam's brightness (n,) at scene positions ``x``, ``y`` (n,), m."""
-    import cv2
-
     column = (x / FOAM_PIXEL + picture.shape[1] / 2 - 0.5).astype(np.float32)
     row = (picture.shape[0] / 2 - y / FOAM_PIXEL - 0.5).astype(np.float32)
     size = 32000  # OpenCV's limit of a side

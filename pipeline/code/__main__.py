@@ -17,7 +17,7 @@ from pipeline.provenance.lines import code_lines
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.writing import whole_file
-from pipeline.stages.running import run_stage
+from pipeline.stages.running import command, run_stage
 
 # The builder of the documentation, which no stage runs.
 READS_DOCSTRINGS = Path("tools/website/reference.py")
@@ -58,17 +58,14 @@ def check() -> None:
             )
 
 
+@command("code")
 def main() -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(prog="python -m pipeline.code", description=__doc__)
     parser.add_argument("--check", action="store_true", help="refuse dynamic imports in pipeline/; write nothing")
     if not parser.parse_args().check:
         return run_stage("code", write_lines)
-    try:
-        check()
-    except UserError as error:
-        print(error, file=sys.stderr)
-        return 2
+    check()
     return 0
 
 

@@ -19,9 +19,10 @@ This module must not postpone the evaluation of annotations: Warp reads them as 
 
 import warp as wp
 
+from pipeline.records.energy_terms import index_of
+
 TRANSLATION = 3  # degrees of freedom before the rotation
 POSE = 6  # degrees of freedom before the joints
-TERMS = 8  # force closure, distance, penetration, table, self-penetration, joints, offset, keep-out
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
@@ -95,7 +96,6 @@ class Weights:
     force_closure: float
     distance: float
     penetration: float
-    table_slope: float  # weight of the table term in the gradient
     self_penetration: float
     joints: float
     offset: float
@@ -339,9 +339,9 @@ def contact_terms(
         pull = centre * (2.0 * weights.offset * part / float(count))
         add_force(scratch, chain, link, p, wp.cross(scratch.normal[chain, slot], torque) * scale + pull)
     offset = wp.dot(centre, centre)
-    states.terms[chain, 0] = closure
-    states.terms[chain, 1] = distance
-    states.terms[chain, 6] = offset
+    states.terms[chain, wp.static(index_of("force_closure"))] = closure
+    states.terms[chain, wp.static(index_of("distance"))] = distance
+    states.terms[chain, wp.static(index_of("offset"))] = offset
     return weights.force_closure * closure + weights.distance * distance + weights.offset * offset
 
 
@@ -520,7 +520,7 @@ def compute_energy(
     place_links(hand, states, scratch, chain)
     energy = contact_terms(hand, scene, weights, states, scratch, chain)
     penetration = penetration_term(hand, scene, weights.penetration, scratch, chain)
-    table = table_term(hand, scene, weights.table_slope, scratch, chain)
+    table = table_term(hand, scene, weights.penetration, scratch, chain)
     collision = self_penetration_term(hand, weights.self_penetration, scratch, chain)
     keep_out = keep_out_term(hand, scene, weights.penetration, scratch, chain)
     excess = float(0.0)
@@ -552,11 +552,11 @@ def compute_energy(
     for axis in range(3):
         states.gradient[chain, axis] = force[axis]
         states.gradient[chain, wp.static(TRANSLATION) + axis] = moment[axis]
-    states.terms[chain, 2] = penetration
-    states.terms[chain, 3] = table
-    states.terms[chain, 4] = collision
-    states.terms[chain, 5] = excess
-    states.terms[chain, 7] = keep_out
+    states.terms[chain, wp.static(index_of("penetration"))] = penetration
+    states.terms[chain, wp.static(index_of("table"))] = table
+    states.terms[chain, wp.static(index_of("self_penetration"))] = collision
+    states.terms[chain, wp.static(index_of("joints"))] = excess
+    states.terms[chain, wp.static(index_of("keep_out"))] = keep_out
     states.energy[chain] = (
         energy
         + weights.penetration * (penetration + table + keep_out)
@@ -721,16 +721,6 @@ def propose_kernel(
     chain = wp.tid()
     propose(schedule, current, proposal, mean_square, chain, seeds[chain], iteration)
     compute_energy(hand, scene, weights, proposal, scratch, chain)
-
-
-@wp.kernel
-def sum_table_kernel(weights: Weights, states: States):
-    """Give every state of the batch the table terms of all; one thread, so that the order of the sum is fixed."""
-    total = float(0.0)
-    for chain in range(states.energy.shape[0]):
-        total += states.terms[chain, 3]
-    for chain in range(states.energy.shape[0]):
-        states.energy[chain] = states.energy[chain] + weights.penetration * (total - states.terms[chain, 3])
 
 
 @wp.kernel

@@ -9,11 +9,12 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from pipeline.evaluate.inputs import SOURCES, inputs_of_pair, pairs_of, sections, trial_digests
+from pipeline.evaluate.inputs import inputs_of_pair, pairs_of, sections, trial_digests
 from pipeline.records import paths
 from pipeline.records.digests import digest, hand_digest
-from pipeline.records.parameters import load_parameters, read_parameters
+from pipeline.records.parameters import load_with_workers
 from pipeline.records.parameters.hand import ALLEGRO
+from pipeline.records.sources import SOURCES
 from pipeline.records.tables import TRIALS
 from pipeline.stages.code import own_fingerprint
 from pipeline.stages.items import Stage, make_by_hand, make_items
@@ -30,8 +31,7 @@ def evaluate(source: str, only: str) -> None:
     Raises:
         UserError: an input is missing or damaged, or params.yaml does not name the object for this source.
     """
-    parameters = load_parameters(sections(source))
-    workers = read_parameters().compute
+    parameters, workers = load_with_workers(sections(source))
     pairs = [(first, second) for first, seconds in pairs_of(source, parameters, only).items() for second in seconds]
 
     from pipeline.evaluate.trials import trials_of

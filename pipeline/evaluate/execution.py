@@ -82,7 +82,7 @@ class Run:
         """Set targets for one control period and let it pass."""
         self.posture = Posture(arm, hand)
         self.scene.robot.set_targets(np.concatenate([arm, hand]), np.concatenate([arm_velocity, np.zeros(16)]))
-        count = self.scene.world.settings.frequency // self.settings.control_frequency
+        count = self.scene.world.frequency // self.settings.control_frequency
         self.scene.world.step(count)
         self.steps += count
         if self.watch:

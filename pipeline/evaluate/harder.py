@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 from pipeline.evaluate.inputs import inputs_of_pair, trial_digests
 from pipeline.records import paths
 from pipeline.records.digests import digest, hand_digest
-from pipeline.records.errors import UserError
-from pipeline.records.parameters import load_parameters, read_parameters
+from pipeline.records.parameters import load_with_workers
 from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.parameters.harder import HarderSetting, overridden
+from pipeline.records.parameters.names import require_name
 from pipeline.records.tables import TRIALS
 from pipeline.stages.code import own_fingerprint
 from pipeline.stages.items import Stage, make_by_hand, make_items
@@ -72,13 +72,10 @@ def evaluate(only: str) -> None:
     Raises:
         UserError: an input is missing or damaged, or params.yaml does not name the setting.
     """
-    parameters = load_parameters(sections())
-    workers, harder = read_parameters().compute, parameters["harder"]
-    if only and only not in harder.settings:
-        raise UserError(
-            f"params.yaml: there is no setting {only!r} under `harder.settings`; add it there, or use one of "
-            f"{', '.join(sorted(harder.settings)) or 'none yet'}."
-        )
+    parameters, workers = load_with_workers(sections())
+    harder = parameters["harder"]
+    if only:
+        require_name(only, harder.settings, "harder.settings", kind="setting")
 
     from pipeline.evaluate.trials import trials_of
 

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
 from pipeline.records.digests import digest, prepared_digest
-from pipeline.records.errors import UserError
-from pipeline.records.parameters import load_pairs
+from pipeline.records.parameters import chosen_pairs
+from pipeline.records.parameters.names import require_name
+from pipeline.records.sources import SOURCES
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from pipeline.evaluate.grasps import TwoObjectGrasp
     from pipeline.evaluate.trial import TrialInput
     from pipeline.records.objects import PreparedObject
-
-SOURCES = (*paths.SOURCES, paths.RECONSTRUCTED)
 
 
 def sections(source: str) -> list[str]:
@@ -36,11 +35,11 @@ def pairs_of(source: str, parameters: dict[str, Any], first: str = "") -> dict[s
         UserError: params.yaml does not name ``first`` for this source.
     """
     if source != paths.RECONSTRUCTED:
-        return load_pairs(first)
+        return chosen_pairs(parameters, first)
     chosen = parameters["reconstructed"]
     known = {name: tuple(item.side) for name, item in chosen.items()}
-    if first and first not in known:
-        raise UserError(f"params.yaml: there is no object {first!r} under `reconstructed`; add it there.")
+    if first:
+        require_name(first, known, "reconstructed")
     return {first: known[first]} if first else known
 
 
@@ -68,11 +67,8 @@ def grasps_of_pair(source: str, first: str, second: str, parameters: dict[str, A
 
 def _grasps(source: str, first: str) -> pd.DataFrame:
     """Return the grasps of a source that begin with an object."""
-    if source == "synthesized":
-        table, made_by = paths.merged_file(first), "merge"
-    else:
-        table, made_by = paths.sampled_file(source, first), f"sample@{source}"
-    return _read_grasps(table.absolute(), table, made_by)
+    table = SOURCES[source].table(first)
+    return _read_grasps(table.absolute(), table, SOURCES[source].stage)
 
 
 @lru_cache(maxsize=2)  # pairs of one first object come one after the other

@@ -9,20 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.hand.model import load_hand
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.shapes.workplace import SPONGE_SIZE, SPONGE_X, TABLE_SIZE, TABLE_X
 
 if TYPE_CHECKING:
     from pipeline.motion.collisions import Obstacle
-    from pipeline.physics.bodies import Body
-    from pipeline.physics.robots import Robot
-    from pipeline.physics.world import World
+    from pipeline.physics.engine import Body, Robot, World
 
-SPONGE_SIZE = 0.4  # m, square. Paper's code: 0.4.
-SPONGE_X = 0.5  # m in front of the robot's base. Paper's code: 0.5.
-TABLE_SIZE = (2.0, 2.4, 0.1)  # m
-TABLE_X = 0.5  # m
 # Palm down 0.45 m over the table, between the objects. Paper's code: the same at 0.30 m, where a finger that opens hits
 # an object of 10 cm.
 START_ARM = np.array([-0.1477, -0.6262, 0.1268, -2.5457, 0.0791, 1.9223, 1.4988])  # rad
@@ -104,21 +100,17 @@ def build_scene(
         others: objects that stand around, with their ``T_world_object``.
         posts: what stands on the sponge and does not move.
     """
-    from pipeline.physics.bodies import add_object, add_support
-    from pipeline.physics.robots import add_robot
     from pipeline.physics.world import make_world
 
     world = make_world(physics)
-    robot = add_robot(world, physics, arm=True, T_world_root=np.eye(4), q=np.concatenate([START_ARM, START_HAND]))
+    robot = world.add_arm(load_hand(), np.concatenate([START_ARM, START_HAND]))
     sponge = np.array([SPONGE_SIZE, SPONGE_SIZE, settings.sponge_height])
-    add_support(
-        world, physics, np.array(TABLE_SIZE) / 2, _centred(TABLE_X, -TABLE_SIZE[2] / 2), kinematic=False, name="table"
-    )
-    add_support(world, physics, sponge / 2, _centred(SPONGE_X, sponge[2] / 2), kinematic=False, name="sponge")
+    world.add_box(np.array(TABLE_SIZE) / 2, _centred(TABLE_X, -TABLE_SIZE[2] / 2), "table")
+    world.add_box(sponge / 2, _centred(SPONGE_X, sponge[2] / 2), "sponge")
     for post in posts:
-        add_support(world, physics, np.array(post.size) / 2, post.pose(settings), kinematic=False, name="post")
+        world.add_box(np.array(post.size) / 2, post.pose(settings), "post")
     bodies = [
-        add_object(world, prepared, physics, T, name=f"object{index}")
+        world.add_object(prepared, T, f"object{index}")
         for index, (prepared, T) in enumerate([*zip(objects, poses, strict=True), *others])
     ]
     return Scene(world=world, robot=robot, objects=tuple(bodies[: len(objects)]))

@@ -35,6 +35,19 @@ CARRIED_POINTS = 512
 
 
 @dataclass(frozen=True)
+class HandAtObject:
+    """A hand in its grasp of an object."""
+
+    hand: Hand
+    style: str  # pinch or side
+    T_object_hand: NDArray[np.float64]  # (4, 4)
+    # (J,) rad; joints of fingers that do not open keep these (for a second object: with the fingers that hold the first
+    # one already squeezing).
+    q: NDArray[np.float64]
+    contact_candidates: NDArray[np.int64]  # (n,) indices into ``hand.contact_points`` of the contacts with this object
+
+
+@dataclass(frozen=True)
 class Approach:
     """A straight way in."""
 
@@ -46,38 +59,32 @@ class Approach:
 
 
 def choose_approach(
-    hand: Hand,
+    grasp: HandAtObject,
     prepared: PreparedObject,
-    T_object_hand: NDArray[np.float64],
-    q: NDArray[np.float64],
-    style: str,
-    contact_candidates: NDArray[np.int64],
     opening: float,
-    lengths: Sequence[float] = (0.05,),
+    lengths: Sequence[float],
     carried: Sequence[tuple[PreparedObject, NDArray[np.float64]]] = (),
     tolerance: float = 0.001,
     support: Support = PLANE,
 ) -> Approach:
     """Return the opening and direction whose sweep touches least; among equals the roomier, then the earlier one.
 
+    In a ``pinch`` the fingers of the contacts open horizontally away from the object's axis, and the hand comes along
+    the hand-object line or more from above. In a ``side`` grasp the finger opposite the palm opens, and the hand comes
+    along that line or horizontally, up to 60 degrees beside it; to an object on a post also from above.
+
     Args:
         prepared: the object to be approached; it stands on a support that ends at z = ``prepared.bottom`` of its frame.
-        T_object_hand: (4, 4) the grasp.
-        q: (J,) joint angles at the grasp; joints of fingers that do not open keep them (for a second object: with
-            the fingers that hold the first one already squeezing).
-        style: ``pinch`` (the fingers of the contacts open horizontally away from the object's axis; the hand comes
-            along the hand-object line or more from above) or ``side`` (the finger opposite the palm opens; the hand
-            comes along that line or horizontally, up to 60 degrees beside it; to an object on a post also from above).
-        contact_candidates: (n,) indices into ``hand.contact_points`` of the contacts with this object.
         opening: how far the contact points of the opening fingers move away, m.
         lengths: lengths of the straight line, m; the first one that touches nothing is taken.
         carried: objects that the hand holds already, with their ``T_hand_object`` (4, 4).
         tolerance: depth below which a point does not count as touching, m.
         support: what the object stands on.
     """
-    fingers = sorted({hand.contact_finger[c] for c in contact_candidates} - {"palm"})
-    directions = approach_directions(T_object_hand, style, from_above=support != PLANE)
-    openings = open_postures(hand, T_object_hand, q, style, contact_candidates, opening)
+    hand, T_object_hand = grasp.hand, grasp.T_object_hand
+    fingers = sorted({hand.contact_finger[c] for c in grasp.contact_candidates} - {"palm"})
+    directions = approach_directions(T_object_hand, grasp.style, from_above=support != PLANE)
+    openings = open_postures(grasp, opening)
     seen: list[NDArray[np.float64]] = []
     rigid = [mount_surface(MOUNT_POINTS) if hand.mounted else np.zeros((0, 3))]
     rigid += [transform_points(T, held.surface_points[:CARRIED_POINTS]) for held, T in carried]
@@ -124,19 +131,13 @@ def approach_directions(
     return [line, *turned, *(tilted[1:] if from_above else [])]
 
 
-def open_postures(
-    hand: Hand,
-    T_object_hand: NDArray[np.float64],
-    q: NDArray[np.float64],
-    style: str,
-    contact_candidates: NDArray[np.int64],
-    opening: float,
-) -> Iterator[NDArray[np.float64]]:
+def open_postures(grasp: HandAtObject, opening: float) -> Iterator[NDArray[np.float64]]:
     """Yield candidate joint angles (J,) with the grasping fingers opened; the preferred one first.
 
     Contact points move horizontally (in the object frame) away from the object's vertical axis; for a side grasp
     postures between the grasp and the straight finger follow.
     """
+    hand, T_object_hand, q, contact_candidates = grasp.hand, grasp.T_object_hand, grasp.q, grasp.contact_candidates
     movable = contact_candidates[[hand.contact_finger[c] != "palm" for c in contact_candidates]]
     if len(movable) == 0:
         yield q
@@ -155,7 +156,7 @@ def open_postures(
             share * opening * outward,
             finger_joints(fingers, hand),
         )
-    if style == "side" and all(finger in hand.straight for finger in fingers):
+    if grasp.style == "side" and all(finger in hand.straight for finger in fingers):
         own = finger_joints(fingers, hand)
         for share in EXTENSIONS:
             extended = q.copy()

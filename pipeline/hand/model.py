@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.urdf import Urdf, vector
+from pipeline.hand.urdf import Urdf, origin_matrix, vector
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.hand import (
     ALLEGRO,
@@ -136,18 +136,9 @@ def _hand(file: Path, description: HandDescription) -> Hand:
         axis.append(_unit_axis(element) if element is not None and moves else np.zeros(3))
         if element is not None and moves:
             lower[joint[-1]], upper[joint[-1]] = urdf.limits(element)
-    boxes: list[tuple[int, NDArray[np.float64], NDArray[np.float64]]] = []
-    spheres: list[tuple[int, NDArray[np.float64], float]] = []
-    for index, name in enumerate(names):
-        own_boxes, own_balls = _shapes(name, description.shapes.get(name), urdf, file)
-        boxes += [(index, pose, half) for pose, half in own_boxes]
-        spheres += [(index, centre, radius) for centre, radius in own_balls]
-    if len(boxes) + len(spheres) > MOST_SHAPES:
-        raise UserError(
-            f"{file}: the hand has {len(boxes) + len(spheres)} boxes and balls, {MOST_SHAPES} are possible; describe "
-            "links by fewer under `shapes`."
-        )
-    finger_of_link = {link: finger for finger, own in description.fingers.items() for link in own.links}
+    boxes, spheres = _all_shapes(names, description, urdf, file)
+    fingers = description.fingers
+    finger_of_link = {link: finger for finger, own in fingers.items() for link in own.links}
     links, points, normals = _contacts(description, names, boxes, spheres, file)
     return Hand(
         name=file.parent.name,
@@ -171,15 +162,10 @@ def _hand(file: Path, description: HandDescription) -> Hand:
         contact_points=np.array(points),
         contact_normals=np.array(normals, dtype=np.float64),
         contact_finger=tuple(finger_of_link[names[link]] for link in links),
-        finger_joints={
-            name: tuple(description.joints.index(joint) for joint in finger.joints)
-            for name, finger in description.fingers.items()
-        },
-        finger_links={name: tuple(finger.links) for name, finger in description.fingers.items()},
-        finger_base={name: finger.base for name, finger in description.fingers.items()},
-        straight={
-            name: tuple(finger.straight) for name, finger in description.fingers.items() if finger.straight is not None
-        },
+        finger_joints={name: tuple(map(description.joints.index, own.joints)) for name, own in fingers.items()},
+        finger_links={name: tuple(own.links) for name, own in fingers.items()},
+        finger_base={name: own.base for name, own in fingers.items()},
+        straight={name: tuple(own.straight) for name, own in fingers.items() if own.straight is not None},
         opposing=tuple(description.opposing),
         palm_normal=np.array(description.palm_normal) / np.linalg.norm(description.palm_normal),
         tips=frozenset(description.tips),
@@ -214,8 +200,6 @@ def urdf_file(source: UrdfSource, folder: Path) -> Path:
 
 
 def _origin(joint: object) -> NDArray[np.float64]:
-    from pipeline.hand.urdf import origin_matrix
-
     return origin_matrix(joint.find("origin"))  # type: ignore[attr-defined]
 
 
@@ -279,6 +263,24 @@ def _ordered_links(description: HandDescription, urdf: Urdf) -> list[str]:
 
     visit(urdf.root)
     return names
+
+
+def _all_shapes(
+    names: Sequence[str], description: HandDescription, urdf: Urdf, file: Path
+) -> tuple[list[tuple[int, NDArray[np.float64], NDArray[np.float64]]], list[tuple[int, NDArray[np.float64], float]]]:
+    """Return the boxes (link, pose, half extents) and balls (link, centre, radius) of all links, in their order."""
+    boxes: list[tuple[int, NDArray[np.float64], NDArray[np.float64]]] = []
+    spheres: list[tuple[int, NDArray[np.float64], float]] = []
+    for index, name in enumerate(names):
+        own_boxes, own_balls = _shapes(name, description.shapes.get(name), urdf, file)
+        boxes += [(index, pose, half) for pose, half in own_boxes]
+        spheres += [(index, centre, radius) for centre, radius in own_balls]
+    if len(boxes) + len(spheres) > MOST_SHAPES:
+        raise UserError(
+            f"{file}: the hand has {len(boxes) + len(spheres)} boxes and balls, {MOST_SHAPES} are possible; describe "
+            "links by fewer under `shapes`."
+        )
+    return boxes, spheres
 
 
 def _shapes(

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from functools import lru_cache
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from pipeline.hand.assets import panda_description
@@ -92,10 +94,6 @@ def mount_surface(count: int = 200) -> NDArray[np.float64]:
 
     They are rigid in the hand frame, whatever the fingers do.
     """
-    import xml.etree.ElementTree as ElementTree
-
-    import trimesh
-
     root = ElementTree.parse(panda_description()).getroot()
     collision = root.find("link[@name='panda_link7']/collision")
     assert collision is not None

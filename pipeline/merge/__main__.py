@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from pipeline.records import paths
 from pipeline.records.digests import digest, file_digest, hand_digest, prepared_digest
 from pipeline.records.objects import load_prepared_object
-from pipeline.records.parameters import load_pairs, load_parameters, read_parameters
+from pipeline.records.parameters import chosen_pairs, load_with_workers
 from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.tables import MERGED, VALIDATED, read_table
 from pipeline.stages.code import own_fingerprint
@@ -44,9 +44,8 @@ def merge(only: str) -> None:
     Raises:
         UserError: an input is missing or damaged, or ``styles.pinch`` does not name the object.
     """
-    parameters = load_parameters(sections())
-    workers = read_parameters().compute
-    partners, seed = load_pairs(only), parameters["seed"]
+    parameters, workers = load_with_workers(sections())
+    partners, seed = chosen_pairs(parameters, only), parameters["seed"]
     pairs = [(first, second) for first, seconds in partners.items() for second in seconds]
     digests = {f"{first}/{second}": digest(_digest("pinch", first), _digest("side", second)) for first, second in pairs}
     from pipeline.merge.pairs import merging, summary

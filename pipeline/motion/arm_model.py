@@ -10,6 +10,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from pipeline.hand.robot import ARM_JOINT_NAMES, JOINT_NAMES, robot_file
@@ -22,8 +23,6 @@ HAND_FRAME = "base_link"
 @lru_cache(maxsize=1)
 def _full_robot() -> tuple[Any, Any]:
     """Pinocchio model and geometry of all 23 joints; meshes become their convex hulls, as in physics."""
-    import pinocchio as pin
-
     description = str(robot_file(arm=True))
     model = pin.buildModelFromUrdf(description)
     geometry = pin.buildGeomFromUrdf(model, description, pin.GeometryType.COLLISION)
@@ -46,8 +45,6 @@ class ArmModel:
 
     def __init__(self, hand_q: ArrayLike) -> None:
         """Build the model; ``hand_q`` (16,) in the order ``joint_0.0`` ... ``joint_15.0``, rad."""
-        import pinocchio as pin
-
         full, geometry = _full_robot()
         q = pin.neutral(full)
         for name, angle in zip(JOINT_NAMES, np.asarray(hand_q, np.float64), strict=True):
@@ -63,8 +60,6 @@ class ArmModel:
 
     def hand_pose(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return ``T_base_hand`` (4, 4) at arm joints ``q`` (7,); the robot's base is the world's origin."""
-        import pinocchio as pin
-
         pin.framesForwardKinematics(self.model, self._data, q)
         pose: NDArray[np.float64] = self._data.oMf[self._frame].homogeneous.copy()
         return pose
@@ -76,8 +71,6 @@ class ArmModel:
 
         Both in the hand frame, linear part first, m and rad.
         """
-        import pinocchio as pin
-
         pin.computeJointJacobians(self.model, self._data, q)
         pin.updateFramePlacement(self.model, self._data, self._frame)
         J = pin.getFrameJacobian(self.model, self._data, self._frame, pin.LOCAL)

@@ -6,7 +6,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import coal
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from pipeline.motion.arm_model import ArmModel
@@ -19,15 +21,11 @@ _GROUNDED_LINKS = ("panda_link0", "panda_link1")
 
 def box_shape(size: ArrayLike) -> Any:
     """Return a box of full ``size`` (3,), m, centred at its origin."""
-    import coal
-
     return coal.Box(*np.asarray(size, np.float64))
 
 
 def convex_shape(points: ArrayLike) -> Any:
     """Return the convex hull of ``points`` (n, 3), m."""
-    import coal
-
     vector = coal.StdVec_Vec3s()
     for point in np.asarray(points, np.float64):
         vector.append(point)
@@ -49,7 +47,6 @@ class Obstacle:
 
 def overlap(one: Obstacle, other: Obstacle) -> bool:
     """Whether two things at their poses are in each other."""
-    import coal
 
     def placed(thing: Obstacle) -> Any:
         return coal.Transform3s(thing.pose[:3, :3], thing.pose[:3, 3])
@@ -97,8 +94,6 @@ class CollisionWorld:
         allowed: Iterable[str] = (),
         margin: float = 0.0,
     ) -> None:
-        import pinocchio as pin
-
         self.arm = arm
         self._geometry = arm.geometry.copy()
         links = [(index, item.name) for index, item in enumerate(self._geometry.geometryObjects)]
@@ -137,8 +132,6 @@ class CollisionWorld:
     def _add(
         self, things: Sequence[Obstacle], joint: int, T_joint_frame: NDArray[np.float64]
     ) -> list[tuple[str, list[int]]]:
-        import pinocchio as pin
-
         added = []
         for thing in things:
             T = T_joint_frame @ thing.pose
@@ -152,8 +145,6 @@ class CollisionWorld:
 
     def is_free(self, q: NDArray[np.float64]) -> bool:
         """Whether arm joints ``q`` (7,) collide with nothing."""
-        import pinocchio as pin
-
         return not pin.computeCollisions(self.arm.model, self._data, self._geometry, self._geometry_data, q, True)
 
     def all_free(self, path: NDArray[np.float64]) -> bool:

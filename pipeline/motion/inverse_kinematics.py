@@ -12,6 +12,8 @@ from pipeline.motion.arm_model import ArmModel
 POSITION_TOLERANCE = 2e-4  # m
 ROTATION_TOLERANCE = 1e-3  # rad
 LEAST_DAMPING = 1e-6
+LONGEST_STEP = 0.4  # rad, largest change of one joint per iteration
+MOST_SOLUTIONS = 6
 SAME_SOLUTION = 0.1  # rad, largest joint difference of solutions that count as one
 
 
@@ -20,7 +22,6 @@ def solve_from(
     T_base_hand: NDArray[np.float64],
     q: NDArray[np.float64],
     iterations: int = 60,
-    longest_step: float = 0.4,
 ) -> NDArray[np.float64] | None:
     """Return arm joints (7,) within limits that put the hand at a pose, found from one start, or None.
 
@@ -30,7 +31,6 @@ def solve_from(
     Args:
         T_base_hand: (4, 4) goal.
         q: (7,) start, rad.
-        longest_step: largest change of one joint per iteration, rad.
     """
     q = np.clip(q, arm.lower, arm.upper)
     for _ in range(iterations):
@@ -38,7 +38,7 @@ def solve_from(
         if np.linalg.norm(error[:3]) < POSITION_TOLERANCE and np.linalg.norm(error[3:]) < ROTATION_TOLERANCE:
             return q
         step = J.T @ np.linalg.solve(J @ J.T + (0.5 * error @ error + LEAST_DAMPING) * np.eye(6), error)
-        step *= min(1.0, longest_step / max(np.abs(step).max(), 1e-12))
+        step *= min(1.0, LONGEST_STEP / max(np.abs(step).max(), 1e-12))
         q = np.clip(q + step, arm.lower, arm.upper)
     return None
 
@@ -50,9 +50,8 @@ def solve(
     rng: np.random.Generator,
     accept: Callable[[NDArray[np.float64]], bool],
     restarts: int = 30,
-    most: int = 6,
 ) -> list[NDArray[np.float64]]:
-    """Return up to ``most`` different accepted solutions (7,), nearest to ``start`` and farthest from limits first.
+    """Return a few different accepted solutions (7,), nearest to ``start`` and farthest from limits first.
 
     Args:
         start: (7,) current joints, also the first guess.
@@ -66,7 +65,7 @@ def solve(
         if q is None or any(np.abs(q - other).max() < SAME_SOLUTION for other in found) or not accept(q):
             continue
         found.append(q)
-        if len(found) == most:
+        if len(found) == MOST_SOLUTIONS:
             break
     return sorted(found, key=lambda q: preference(arm, q, start))
 

@@ -15,6 +15,9 @@ from pipeline.motion.arm_model import ArmModel
 from pipeline.motion.inverse_kinematics import solve_from
 
 Free = Callable[[NDArray[np.float64]], bool]
+LONGEST_EDGE = 0.4  # rad, Euclidean, of the planner's trees
+SAMPLES = 400  # that the planner draws before it gives up
+SHORTCUTS = 60  # tried on a path
 RESOLUTION = 0.01  # rad, largest joint change between tested points of a line
 NEAR_DUPLICATE = 0.02  # rad, way-points closer than this make splines swing
 LINE_STEP = 0.005  # m, between tested points of a straight motion of the hand
@@ -50,25 +53,21 @@ def rrt_connect(
     lower: NDArray[np.float64],
     upper: NDArray[np.float64],
     rng: np.random.Generator,
-    longest_edge: float = 0.4,
-    iterations: int = 400,
 ) -> NDArray[np.float64] | None:
     """Return a path (n, 7) found by RRT-Connect (Kuffner and LaValle 2000), or None.
 
     Args:
         free: collision test; ``start`` and ``goal`` must pass it.
         lower, upper: (7,) limits of the samples, rad.
-        longest_edge: Euclidean length, rad.
-        iterations: samples drawn.
     """
     trees = [_Tree(start), _Tree(goal)]
-    for iteration in range(iterations):
+    for iteration in range(SAMPLES):
         growing, other = trees[iteration % 2], trees[1 - iteration % 2]
-        node = growing.extend(free, rng.uniform(lower, upper), longest_edge)
+        node = growing.extend(free, rng.uniform(lower, upper))
         if node is None:
             continue
         target = growing.points[node]
-        reached = other.connect(free, target, longest_edge)
+        reached = other.connect(free, target)
         if reached is not None:
             one, two = growing.branch(node), other.branch(reached)
             path = np.array(one + two[::-1][1:])
@@ -83,26 +82,26 @@ class _Tree:
         self.points = [root]
         self.parents = [-1]
 
-    def extend(self, free: Free, target: NDArray[np.float64], longest: float) -> int | None:
+    def extend(self, free: Free, target: NDArray[np.float64]) -> int | None:
         """Add one edge from the nearest point towards ``target``; return the new point's index or None."""
         nearest = int(np.linalg.norm(np.array(self.points) - target, axis=1).argmin())
-        return self._add(free, nearest, target, longest)
+        return self._add(free, nearest, target)
 
-    def _add(self, free: Free, parent: int, target: NDArray[np.float64], longest: float) -> int | None:
+    def _add(self, free: Free, parent: int, target: NDArray[np.float64]) -> int | None:
         difference = target - self.points[parent]
         length = np.linalg.norm(difference)
-        new = target if length <= longest else self.points[parent] + difference * (longest / length)
+        new = target if length <= LONGEST_EDGE else self.points[parent] + difference * (LONGEST_EDGE / length)
         if not is_line_free(free, self.points[parent], new):
             return None
         self.points.append(new)
         self.parents.append(parent)
         return len(self.points) - 1
 
-    def connect(self, free: Free, target: NDArray[np.float64], longest: float) -> int | None:
+    def connect(self, free: Free, target: NDArray[np.float64]) -> int | None:
         """Add edges until ``target`` is reached (return its index) or something is in the way (None)."""
-        node = self.extend(free, target, longest)
+        node = self.extend(free, target)
         while node is not None and self.points[node] is not target:
-            node = self._add(free, node, target, longest)
+            node = self._add(free, node, target)
         return node
 
     def branch(self, node: int) -> list[NDArray[np.float64]]:
@@ -114,11 +113,9 @@ class _Tree:
         return path[::-1]
 
 
-def shortcut(
-    free: Free, path: NDArray[np.float64], rng: np.random.Generator, attempts: int = 60
-) -> NDArray[np.float64]:
+def shortcut(free: Free, path: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
     """Return a shorter path (m, 7): random pairs of points on it are joined by free straight lines."""
-    for _ in range(attempts):
+    for _ in range(SHORTCUTS):
         if len(path) < 3:
             break
         lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
@@ -133,11 +130,11 @@ def shortcut(
     return without_near_duplicates(path)
 
 
-def without_near_duplicates(path: NDArray[np.float64], distance: float = NEAR_DUPLICATE) -> NDArray[np.float64]:
-    """Drop way-points closer than ``distance`` (rad) to the one before; both ends stay."""
+def without_near_duplicates(path: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Drop way-points closer than ``NEAR_DUPLICATE`` to the one before; both ends stay."""
     kept = [path[0]]
     for point in path[1:-1]:
-        if np.linalg.norm(point - kept[-1]) >= distance and np.linalg.norm(point - path[-1]) >= distance:
+        if min(np.linalg.norm(point - kept[-1]), np.linalg.norm(point - path[-1])) >= NEAR_DUPLICATE:
             kept.append(point)
     return np.array([*kept, path[-1]])
 
@@ -159,15 +156,13 @@ def plan(
     return None if path is None else shortcut(free, path, rng)
 
 
-def hand_line(
-    arm: ArmModel, q: NDArray[np.float64], displacement: ArrayLike, free: Free, step: float = LINE_STEP
-) -> NDArray[np.float64] | None:
+def hand_line(arm: ArmModel, q: NDArray[np.float64], displacement: ArrayLike, free: Free) -> NDArray[np.float64] | None:
     """Return a path (n, 7) that moves the hand straight by ``displacement`` (3,), m, world frame, unturned.
 
     None when it leaves the arm's reach, jumps to another branch, or hits something. The first point is not tested.
     """
     displacement = np.asarray(displacement, np.float64)
-    count = max(int(np.ceil(np.linalg.norm(displacement) / step)), 1)
+    count = max(int(np.ceil(np.linalg.norm(displacement) / LINE_STEP)), 1)
     T = arm.hand_pose(q)
     begin = T[:3, 3].copy()
     path = [q]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import toppra
 from numpy.typing import NDArray
 
 from pipeline.motion.arm_model import ARM_ACCELERATION, ArmModel
@@ -45,8 +46,6 @@ def time_path(
         velocity_share, acceleration_share: of the arm's limits.
         spacing: distance of the spline's knots, rad.
     """
-    import toppra
-
     toppra.setup_logging("ERROR")
     knots = _knots(without_near_duplicates(path), spacing)
     if len(knots) == 1:

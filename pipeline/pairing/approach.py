@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.hand.allegro import load_hand
-from pipeline.hand.approach import Approach, choose_approach
+from pipeline.hand.approach import Approach, HandAtObject, choose_approach
 from pipeline.hand.moves import finger_joints, straight
 from pipeline.hand.parts import part_links
 from pipeline.hand.support import PLANE, Support
@@ -100,13 +100,10 @@ def later_approach(
         support: what the object stands on.
     """
     single = grasp.singles[pick]
+    style = "side" if "palm" in single.fingers else "pinch"
     approach = choose_approach(
-        load_hand(),
+        HandAtObject(load_hand(), style, single.T_object_hand, grasp.posture(pick), single.contact_candidates),
         objects[pick],
-        single.T_object_hand,
-        grasp.posture(pick),
-        "side" if "palm" in single.fingers else "pinch",
-        single.contact_candidates,
         opening,
         lengths,
         carried=list(zip(objects[:pick], grasp.T_hand_held[:pick], strict=True)),

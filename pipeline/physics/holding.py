@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.hand.model import Hand, load_hand
-from pipeline.physics.bodies import Body, add_object
-from pipeline.physics.contacts import pressing_links
-from pipeline.physics.robots import Robot, add_robot
-from pipeline.physics.world import GRAVITY, World, make_world
+from pipeline.physics.engine import GRAVITY, Body, World, pressing_links, steps_in
+from pipeline.physics.world import make_world
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
@@ -168,25 +166,30 @@ def _hold(
 ) -> tuple[Outcome, int]:
     """One direction: its outcome and the steps simulated."""
     world = make_world(settings, gravity)
-    robot = add_robot(world, settings, False, np.eye(4), q, hand)
-    robot.set_targets(squeeze_q)
-    bodies = [
-        add_object(world, held.prepared, settings, held.T_hand_object, name=f"object_{index}")
-        for index, held in enumerate(objects)
-    ]
-    steps = _run(world, robot, bodies, objects, world.steps(limits.gravity_seconds))
-    pressing = [pressing_links(world, body, robot, limits.contact_impulse) for body in bodies]
+    bodies = place_rig(world, HeldGrasp(tuple(objects), q, squeeze_q, hand), np.eye(4))
+    steps = _run(world, bodies, objects, steps_in(limits.gravity_seconds, world.frequency))
+    pressing = [pressing_links(body, limits.contact_impulse) for body in bodies]
     return judge(objects, [body.pose for body in bodies], pressing), steps
 
 
-def _run(world: World, robot: Robot, bodies: Sequence[Body], objects: Sequence[HeldObject], steps: int) -> int:
+def place_rig(world: World, grasp: HeldGrasp, T_world_hand: NDArray[np.float64]) -> list[Body]:
+    """Add a squeezing hand at ``T_world_hand`` (4, 4) to a world, and its objects in the grasp, which are returned."""
+    robot = world.add_hand(grasp.hand, T_world_hand, grasp.q)
+    robot.set_targets(grasp.squeeze_q)
+    return [
+        world.add_object(held.prepared, T_world_hand @ held.T_hand_object, f"object_{index}")
+        for index, held in enumerate(grasp.objects)
+    ]
+
+
+def _run(world: World, bodies: Sequence[Body], objects: Sequence[HeldObject], steps: int) -> int:
     """Step until the time is over, an object is lost, or everything sleeps; return the steps made."""
     done = 0
     while done < steps:
         count = min(WATCH_STEPS, steps - done)
         world.step(count)
         done += count
-        if robot.asleep and all(body.asleep for body in bodies):
+        if world.asleep:
             break
         for held, body in zip(objects, bodies, strict=True):
             if np.linalg.norm(body.pose[:3, 3] - held.T_hand_object[:3, 3]) > LOST_DISTANCE:

@@ -10,8 +10,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.model import Hand
+from pipeline.hand.model import Hand, load_hand
 from pipeline.hand.moves import finger_joints, straight
+from pipeline.physics.engine import steps_in
+from pipeline.physics.world import make_world
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
 
@@ -39,18 +41,14 @@ def settle_grasp(
         waiting: fingers that will pick other objects later.
         hand: the Allegro when left out.
     """
-    from pipeline.physics.bodies import add_object
-    from pipeline.physics.robots import add_robot
-    from pipeline.physics.world import make_world
-
     start, target = q.copy(), squeeze_q.copy()
     joints = finger_joints(waiting, hand)
     start[joints] = target[joints] = straight(waiting, hand)  # away from the object
     world = make_world(settings, np.zeros(3))
-    robot = add_robot(world, settings, False, np.eye(4), start, hand)
-    body = add_object(world, prepared, settings, T_hand_object)
+    robot = world.add_hand(hand or load_hand(), np.eye(4), start)
+    body = world.add_object(prepared, T_hand_object, "object")
     for step in range(1, RAMP_STEPS + 1):
         robot.set_targets(start + (target - start) * (step / RAMP_STEPS))
-        world.step(world.steps(RAMP_SECONDS / RAMP_STEPS))
-    world.step(world.steps(DWELL_SECONDS))
+        world.step(steps_in(RAMP_SECONDS / RAMP_STEPS, world.frequency))
+    world.step(steps_in(DWELL_SECONDS, world.frequency))
     return robot.q, body.pose

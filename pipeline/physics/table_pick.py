@@ -12,14 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.model import Hand
+from pipeline.hand.approach import Approach
 from pipeline.hand.support import PLANE, Support
-from pipeline.physics.bodies import Body, add_object, add_support
-from pipeline.physics.contacts import pressing_links
-from pipeline.physics.holding import WATCH_STEPS, rotation_angle
-from pipeline.physics.robots import Robot, add_robot
-from pipeline.physics.world import World, make_world
-from pipeline.records.objects import PreparedObject
+from pipeline.physics.engine import Carrier, Robot, World, pressing_links, steps_in
+from pipeline.physics.holding import WATCH_STEPS, HeldGrasp, rotation_angle
+from pipeline.physics.world import make_world
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
 
@@ -42,77 +39,56 @@ class TablePick:
     rotation: float  # rad, likewise
     in_contact: bool  # an assigned link presses at the end
 
-    def failure(self, limits: ValidateParameters) -> str:
-        """Return the first failed check: ``push``, ``touch``, ``drop`` or ``drift``; '' if the object was picked.
-
-        A motion that is not a number fails.
-        """
-        if not self.push <= limits.push_limit:
-            return "push"
-        if self.touched_support:
-            return "touch"
-        if not self.in_contact:
-            return "drop"
-        return "" if self.drift <= limits.drift_limit and self.rotation <= limits.rotation_limit else "drift"
-
 
 @dataclass(frozen=True)
 class _Rig:
     world: World
     robot: Robot
-    support: Body
-    body: Body
+    support: Carrier
     impulse: float  # N s that count as touching
 
 
 def pick_from_support(
     settings: PhysicsParameters,
     limits: ValidateParameters,
-    prepared: PreparedObject,
+    grasp: HeldGrasp,
     T_object_hand: NDArray[np.float64],
-    q: NDArray[np.float64],
-    squeeze_q: NDArray[np.float64],
-    open_q: NDArray[np.float64],
-    direction: NDArray[np.float64],
-    length: float,
-    assigned_links: tuple[str, ...],
+    approach: Approach,
     stand: Support = PLANE,
-    hand: Hand | None = None,
 ) -> TablePick:
     """Run the tabletop test.
 
     Args:
-        T_object_hand: (4, 4) the grasp; the object stands on the plane z = ``prepared.bottom``.
-        q, squeeze_q, open_q: (J,) joint angles at the grasp, drive targets of the squeeze, and for the approach, rad.
-        direction: (3,) unit, object frame, from the grasp towards where the hand comes from.
-        length: of the approach, m.
+        grasp: a hand around one object, which stands on the plane z = ``bottom`` of its frame.
+        T_object_hand: (4, 4) the pose of that hand, of which ``grasp`` holds the inverse.
+        approach: the opened hand, and its way in.
         stand: what the object stands on.
-        hand: the Allegro when left out.
     """
     settings = limits.for_floating_hand(settings)
+    (held,) = grasp.objects
     world = make_world(settings)
-    robot = add_robot(world, settings, False, T_object_hand, open_q, hand)
-    away = -length * direction
+    robot = world.add_hand(grasp.hand, T_object_hand, approach.open_q)
+    away = -approach.length * approach.direction
     half = SUPPORT_HALF if stand == PLANE else np.array([stand.half_width, stand.half_width, stand.height / 2])
-    support_home = np.array([0.0, 0.0, prepared.bottom - half[2]])
-    support = add_support(world, settings, half, _at(support_home + away))
-    body = add_object(world, prepared, settings, _at(away))
-    rig = _Rig(world, robot, support, body, limits.contact_impulse)
+    support_home = np.array([0.0, 0.0, held.prepared.bottom - half[2]])
+    support = world.add_carrier(half, _at(support_home + away), "support")
+    body = world.add_object(held.prepared, _at(away), "object")
+    rig = _Rig(world, robot, support, limits.contact_impulse)
 
     touched = _carry(rig, support_home + away, support_home, APPROACH_SECONDS)
     push = float(np.linalg.norm(body.pose[:3, 3]))
-    touched |= _close(rig, open_q, q, CLOSE_SECONDS)
-    touched |= _close(rig, q, squeeze_q, SQUEEZE_SECONDS)
+    touched |= _close(rig, approach.open_q, grasp.q, CLOSE_SECONDS)
+    touched |= _close(rig, grasp.q, grasp.squeeze_q, SQUEEZE_SECONDS)
     squeezed = body.pose
     _carry(rig, support_home, support_home - [0.0, 0.0, DROP_DISTANCE], DROP_SECONDS)
-    world.step(world.steps(HOLD_SECONDS))
+    world.step(steps_in(HOLD_SECONDS, world.frequency))
     final = body.pose
     return TablePick(
         push=push,
         touched_support=touched,
         drift=float(np.linalg.norm(final[:3, 3] - squeezed[:3, 3])),
         rotation=rotation_angle(squeezed, final),
-        in_contact=not pressing_links(world, body, robot, limits.contact_impulse).isdisjoint(assigned_links),
+        in_contact=not pressing_links(body, limits.contact_impulse).isdisjoint(held.assigned_links),
     )
 
 
@@ -123,12 +99,12 @@ def _at(position: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _touching(rig: _Rig) -> bool:
-    return bool(pressing_links(rig.world, rig.support, rig.robot, rig.impulse))
+    return bool(pressing_links(rig.support, rig.impulse))
 
 
 def _carry(rig: _Rig, start: NDArray[np.float64], end: NDArray[np.float64], seconds: float) -> bool:
     """Move the support from ``start`` to ``end`` (3,), at rest at both; return whether the hand touched it."""
-    touched, steps = False, rig.world.steps(seconds)
+    touched, steps = False, steps_in(seconds, rig.world.frequency)
     for step in range(1, steps + 1):
         share = step / steps
         rig.support.carry_to(start + (3 * share**2 - 2 * share**3) * (end - start))
@@ -139,7 +115,7 @@ def _carry(rig: _Rig, start: NDArray[np.float64], end: NDArray[np.float64], seco
 
 def _close(rig: _Rig, start: NDArray[np.float64], end: NDArray[np.float64], seconds: float) -> bool:
     """Move the drive targets from ``start`` to ``end`` (J,); return whether the hand touched the support."""
-    touched, steps = False, rig.world.steps(seconds)
+    touched, steps = False, steps_in(seconds, rig.world.frequency)
     for step in range(1, steps + 1):
         rig.robot.set_targets(start + step / steps * (end - start))
         rig.world.step()

@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
 
 from pipeline.pictures.camera import Camera
+from pipeline.shapes.rays import ray_scene
 
 CREASE = np.cos(np.radians(40.0))  # neighbouring faces that meet at a sharper angle keep an edge
 SKY = np.array([0.93, 0.95, 0.98], np.float32)  # linear light, as all colours inside this module
@@ -43,8 +45,6 @@ class Body:
 
 def corner_normals(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return unit normals (F, 3, 3) per face corner, averaged over the faces around it that do not form an edge."""
-    from scipy.sparse import coo_matrix
-
     a, b, c = vertices[faces].transpose(1, 0, 2)
     area_normal = np.cross(b - a, c - a)
     unit = area_normal / np.maximum(np.linalg.norm(area_normal, axis=1, keepdims=True), 1e-30)
@@ -71,21 +71,15 @@ class _Scene:
 
 
 def _scene(bodies: Sequence[Body]) -> _Scene:
-    import open3d
-
-    rays = open3d.t.geometry.RaycastingScene(nthreads=1)
     normals, first = [np.zeros((0, 3, 3), np.float32)], []
     count = 0
     for body in bodies:
-        rays.add_triangles(
-            open3d.core.Tensor(body.world_vertices().astype(np.float32)),
-            open3d.core.Tensor(np.ascontiguousarray(body.faces.astype(np.uint32))),
-        )
         own = body.normals if body.normals is not None else corner_normals(body.vertices, body.faces)
         normals.append((own @ body.T_world[:3, :3].T).astype(np.float32))
         first.append(count)
         count += len(body.faces)
     colours = np.array([body.colour for body in bodies], np.float32).reshape(-1, 3) ** 2.2
+    rays = ray_scene(*((body.world_vertices(), body.faces) for body in bodies))
     return _Scene(rays, np.array(first, np.int64), np.concatenate(normals), colours)
 
 

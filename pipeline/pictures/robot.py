@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio
+import trimesh
 from numpy.typing import NDArray
 
 from pipeline.hand.model import Hand, load_hand
@@ -50,16 +52,12 @@ def _colour(link: str, mesh: Any, tips: frozenset[str]) -> tuple[float, float, f
 @lru_cache(maxsize=64)
 def _file_meshes(path: Path) -> list[Any]:
     """Return the meshes of a file with the transforms of its scene applied."""
-    import trimesh
-
     loaded = trimesh.load(path, process=False)
     return list(loaded.dump()) if isinstance(loaded, trimesh.Scene) else [loaded]
 
 
 @lru_cache(maxsize=4)
 def _visuals(arm: bool, hand: Hand) -> tuple[_Visual, ...]:
-    import trimesh
-
     visuals = []
     for link in ElementTree.fromstring(compose_robot(arm, visuals=True, hand=hand)).iter("link"):
         name = link.get("name", "")
@@ -84,16 +82,12 @@ def _visuals(arm: bool, hand: Hand) -> tuple[_Visual, ...]:
 @lru_cache(maxsize=4)
 def _kinematics(arm: bool, hand: Hand) -> tuple[Any, Any, NDArray[np.int64]]:
     """Pinocchio's model, and where each of our joints stands in its configuration vector."""
-    import pinocchio
-
     model = pinocchio.buildModelFromXML(compose_robot(arm, visuals=False, hand=hand))
     names = ROBOT_JOINT_NAMES if arm else hand.joint_names
     return model, model.createData(), np.array([model.joints[model.getJointId(name)].idx_q for name in names])
 
 
 def _bodies(arm: bool, hand: Hand, T_world_root: NDArray[np.float64], q: NDArray[np.float64]) -> list[Body]:
-    import pinocchio
-
     model, data, index = _kinematics(arm, hand)
     configuration = np.zeros(model.nq)
     configuration[index] = q
@@ -115,11 +109,10 @@ def hand_bodies(T_world_hand: NDArray[np.float64], q: NDArray[np.float64], hand:
     return _bodies(False, hand or load_hand(), T_world_hand, np.asarray(q, np.float64))
 
 
-def robot_bodies(q: NDArray[np.float64], T_world_base: NDArray[np.float64] | None = None) -> list[Body]:
-    """Return the links of arm, mount and hand.
+def robot_bodies(q: NDArray[np.float64]) -> list[Body]:
+    """Return the links of arm, mount and hand, ``panda_link0`` at the world's origin.
 
     Args:
         q: (23,) the arm's 7 joint angles, then the hand's 16, rad.
-        T_world_base: (4, 4) pose of ``panda_link0``; the world's origin when absent.
     """
-    return _bodies(True, load_hand(), np.eye(4) if T_world_base is None else T_world_base, np.asarray(q, np.float64))
+    return _bodies(True, load_hand(), np.eye(4), np.asarray(q, np.float64))

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from pipeline.pictures.camera import look_at
+from pipeline.pictures.colours import SPONGE_COLOUR
 from pipeline.pictures.render import Body, render
 from pipeline.pictures.robot import robot_bodies
+from pipeline.shapes.workplace import SPONGE_SIZE, SPONGE_X
 
-# Where the evaluation puts its sponge, in the world frame (the robot's base): only the look of pictures depends on it.
-SPONGE_X, SPONGE_SIZE = 0.5, 0.4  # m
-SPONGE_COLOUR = (0.58, 0.62, 0.54)
 CAMERA_POSITION, CAMERA_TARGET, CAMERA_DEGREES = (1.55, -0.62, 0.70), (0.46, 0.0, 0.28), 27.0
 
 
@@ -32,8 +32,6 @@ def moment_picture(
 
 
 def _sponge(height: float) -> Body:
-    import trimesh
-
     T = np.eye(4)
     T[:3, 3] = (SPONGE_X, 0.0, height / 2)
     box = trimesh.creation.box((SPONGE_SIZE, SPONGE_SIZE, height))

@@ -13,7 +13,6 @@ reconstructed objects, such as data/sample/reconstructed/cube.parquet.
 from __future__ import annotations
 
 import argparse
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,6 +23,8 @@ from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters
 from pipeline.records.poses import pose_matrix, transform_points
+from pipeline.records.sources import OF_ALL_PAIRS, SOURCES
+from pipeline.stages.running import command
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -33,8 +34,8 @@ if TYPE_CHECKING:
     from pipeline.records.objects import PreparedObject
     from pipeline.records.parameters.evaluate import EvaluateParameters
 
-PREPARED = (paths.merged_file("x").parent, paths.sampled_file("learned", "x").parent)  # grasps of prepared objects
-PHOTOGRAPHED = paths.sampled_file(paths.RECONSTRUCTED, "x").parent  # grasps of objects as photos show them
+PREPARED = tuple(source.folder for source in OF_ALL_PAIRS.values())  # grasps of prepared objects
+PHOTOGRAPHED = SOURCES[paths.RECONSTRUCTED].folder  # grasps of objects as photos show them
 BASE_HEIGHT = 0.003  # m over an object's lowest point, within which it is taken to stand on the sponge
 
 
@@ -204,10 +205,10 @@ def _placed(names: tuple[str, str], places: Places, settings: EvaluateParameters
 
 def _captured(names: tuple[str, str], places: Places, settings: EvaluateParameters) -> Table:
     """Return all objects of a capture as photos show them, standing on the sponge as they stood on their support."""
-    from pipeline.evaluate.scene import SPONGE_X
     from pipeline.plan.proposal import StandingObject, Table
     from pipeline.records.reconstructions import load_reconstructed_object, load_reconstruction_metrics
     from pipeline.shapes.solids import object_of_reconstruction
+    from pipeline.shapes.workplace import SPONGE_X
 
     assert places.capture
     x, y, degrees = places.scene or (SPONGE_X, 0.0, 0.0)
@@ -235,7 +236,7 @@ def _captured(names: tuple[str, str], places: Places, settings: EvaluateParamete
 
 def _check_on_sponge(name: str, prepared: PreparedObject, T: NDArray[np.float64]) -> None:
     """Refuse a place where what an object stands on would reach over the edge; ``T`` (4, 4) is its pose."""
-    from pipeline.evaluate.scene import SPONGE_SIZE, SPONGE_X
+    from pipeline.shapes.workplace import SPONGE_SIZE, SPONGE_X
 
     base = prepared.vertices[prepared.vertices[:, 2] < prepared.bottom + BASE_HEIGHT]
     inside = np.abs(transform_points(T, base)[:, :2] - [SPONGE_X, 0.0]) <= SPONGE_SIZE / 2
@@ -246,6 +247,7 @@ def _check_on_sponge(name: str, prepared: PreparedObject, T: NDArray[np.float64]
         )
 
 
+@command("plan")
 def main(arguments: list[str] | None = None) -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(
@@ -278,13 +280,8 @@ def main(arguments: list[str] | None = None) -> int:
     if chosen.capture and (chosen.place0 or chosen.place1) or chosen.scene and not chosen.capture:
         parser.error("give --place0 and --place1, or --capture and --scene")
     places = Places((chosen.place0, chosen.place1), chosen.capture, chosen.scene)
-    try:
-        choice = Choice(chosen.table, chosen.second, chosen.merged_id)
-        held = plan(choice, places, chosen.output, chosen.play)
-    except UserError as error:
-        print(f"plan: {error}", file=sys.stderr)
-        return 2
-    return 0 if held else 1
+    choice = Choice(chosen.table, chosen.second, chosen.merged_id)
+    return 0 if plan(choice, places, chosen.output, chosen.play) else 1
 
 
 if __name__ == "__main__":

@@ -18,7 +18,6 @@ from pipeline.records.poses import pose_matrix
 
 PICTURE_WIDTH, PICTURE_HEIGHT = 320, 300  # pixels
 SHOWN = ("settle", "approach first", "close first", "lift first", "enter second", "close second", "hold")
-COLOURS = ((0.88, 0.54, 0.18), (0.24, 0.47, 0.71))  # first object, second object
 OTHER_COLOUR = (0.62, 0.62, 0.60)
 
 
@@ -60,6 +59,7 @@ def playback_strip(table: Table, outcome: dict[str, Any], settings: EvaluatePara
 
     Other objects are drawn where they were put.
     """
+    from pipeline.pictures.colours import OBJECT_COLOURS
     from pipeline.pictures.picture import strip
     from pipeline.pictures.render import Body
     from pipeline.pictures.table_scene import moment_picture
@@ -74,7 +74,7 @@ def playback_strip(table: Table, outcome: dict[str, Any], settings: EvaluatePara
         poses = [outcome[f"snapshot_pose{slot}"][index] for slot in (0, 1)]
         bodies = [
             Body(item.prepared.vertices, item.prepared.faces, colour, pose_matrix(pose[:3], pose[3:]))
-            for item, colour, pose in zip(table.objects, COLOURS, poses, strict=True)
+            for item, colour, pose in zip(table.objects, OBJECT_COLOURS, poses, strict=False)
         ]
         robot_q = outcome["snapshot_robot_q"][index]
         pictures.append(

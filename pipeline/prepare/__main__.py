@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 from pipeline.compute.pool import Calls, Work
 from pipeline.records import paths
 from pipeline.records.digests import digest, file_digest
-from pipeline.records.errors import UserError
-from pipeline.records.parameters import load_parameters, read_parameters
+from pipeline.records.parameters import load_with_workers
+from pipeline.records.parameters.names import require_name
 from pipeline.records.parameters.objects import MeshParameters, ObjectParameters
 from pipeline.stages.code import own_fingerprint
 from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
@@ -38,19 +38,15 @@ def sections() -> list[str]:
 
 def prepare(only: str) -> None:
     """Prepare the objects of params.yaml that are not up to date, or one by hand."""
-    parameters = load_parameters(sections())
+    parameters, workers = load_with_workers(sections())
     shapes: dict[str, Shape] = {**parameters["objects"], **parameters["meshes"]}
-    if only and only not in shapes:
-        raise UserError(
-            f"params.yaml: there is no object {only!r}; add it under objects or meshes, or use one of "
-            f"{', '.join(shapes)}."
-        )
+    if only:
+        require_name(only, shapes, "objects", "meshes")
     from pipeline.prepare.sources import check_source
 
     for name in [only] if only else shapes:
         check_source(shapes[name], name)
     begin = partial(_begin, shapes, parameters["prepare"])
-    workers = read_parameters().compute
     if only:
         make_by_hand(STAGE, [only], begin, workers)
         return

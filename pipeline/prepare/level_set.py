@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import manifold3d
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,8 +32,6 @@ def zero_surface(
         inside: values on the grid of :func:`sampling_grid`, positive inside.
         low, high: (3,) corners of the box that holds the shape.
     """
-    import manifold3d
-
     shape = inside.shape
     last = [size - 2 for size in shape]
     flat, strides = inside.ravel().tolist(), (int(shape[1] * shape[2]), int(shape[2]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import manifold3d
 import numpy as np
 
 from pipeline.prepare import repair, resting, sources
@@ -24,10 +25,22 @@ def _stands(standing: resting.Stance) -> bool:
 
 def _union_volume(parts: list[convex_parts.Mesh]) -> float:
     """Volume of the union of convex parts, m3."""
-    import manifold3d
-
     solids = [manifold3d.Manifold.hull_points(vertices) for vertices, _ in parts]
     return float(manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add).volume())
+
+
+def _falls_over(name: str, up: str, standing: resting.Stance, solid: repair.Solid) -> UserError:
+    """Return the refusal of an object that does not stand, with what would help."""
+    others = [
+        axis
+        for axis in frame.ROTATIONS
+        if _stands(resting.stance(frame.canonical_vertices(solid.vertices, solid.faces, axis)))
+    ]
+    advice = f"set `up` to {' or '.join(others)}" if others else "give it a flat base or turn the mesh"
+    return UserError(
+        f"{name}: the object does not stand with {up} up (its centre of mass is "
+        f"{1000 * standing.margin:.1f} mm inside its support, {1000 * SMALLEST_MARGIN:g} are needed); {advice}."
+    )
 
 
 def prepare_object(
@@ -50,16 +63,7 @@ def prepare_object(
     vertices = frame.canonical_vertices(solid.vertices, faces, shape.up, shape.turn)
     standing = resting.stance(vertices)
     if not _stands(standing):
-        others = [
-            axis
-            for axis in frame.ROTATIONS
-            if _stands(resting.stance(frame.canonical_vertices(solid.vertices, faces, axis)))
-        ]
-        advice = f"set `up` to {' or '.join(others)}" if others else "give it a flat base or turn the mesh"
-        raise UserError(
-            f"{name}: the object does not stand with {shape.up} up (its centre of mass is "
-            f"{1000 * standing.margin:.1f} mm inside its support, {1000 * SMALLEST_MARGIN:g} are needed); {advice}."
-        )
+        raise _falls_over(name, shape.up, standing, solid)
     volume, _, inertia = mass.solid_properties(vertices, faces)
     parts, lost = convex_parts.convex_parts(vertices, faces, parameters)
     parts_volume = _union_volume(parts)
@@ -67,10 +71,7 @@ def prepare_object(
     # Seeded by the name alone: another run seed must not change what the objects are.
     surface = samples.surface_samples(vertices, faces, parameters.surface_points, item_generator(0, "prepare", name))
     hull_volume = mass.solid_properties(*convex_parts.convex_hull(vertices))[0]
-    provenance: dict[str, Any] = {}
-    if raw.guessed_unit:
-        provenance["guessed_unit"] = raw.guessed_unit
-        provenance["longest_extent_in_file"] = raw.longest
+    guessed: dict[str, Any] = {"guessed_unit": raw.guessed_unit, "longest_extent_in_file": raw.longest}
     return PreparedObject(
         name=name,
         vertices=vertices,
@@ -85,7 +86,7 @@ def prepare_object(
         inertia=inertia * shape.density,
         volume=volume,
         extents=np.ptp(vertices, axis=0),
-        provenance=provenance
+        provenance=(guessed if raw.guessed_unit else {})
         | {
             "source": raw.source,
             "licence": raw.licence,

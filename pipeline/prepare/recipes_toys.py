@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import manifold3d
 import numpy as np
 from numpy.typing import NDArray
 
@@ -71,8 +72,6 @@ def _bunny_field(points: Field) -> Field:
 def _surface(
     field: Callable[[Field], Field], low: Triple, high: Triple
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    import manifold3d
-
     corner, opposite = np.array(low, np.float64), np.array(high, np.float64)
     points, origin, shape = sampling_grid(corner, opposite, SPACING)
     vertices, faces = zero_surface(-field(points).reshape(shape), origin, SPACING, corner, opposite)
@@ -96,7 +95,6 @@ def bunny() -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 def train() -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return a toy locomotive: chassis, boiler, dome, chimney, cab with roof, six wheels, buffer beam."""
-    import manifold3d
 
     def box(low: Triple, high: Triple) -> Any:
         return manifold3d.Manifold.cube([b - a for a, b in zip(low, high, strict=True)]).translate(low)

@@ -9,8 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import manifold3d
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from pipeline.records.errors import UserError
 
@@ -120,9 +125,6 @@ def _oriented(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArra
     Every face is a pair of nodes, one for each way to turn it; neighbours link the ways that agree. A connected
     surface that can be oriented gives two components of that graph, of which the one that turns fewer faces is taken.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     count = len(faces)
     edges = _edges(faces)
     low_first = edges[:, 0] < edges[:, 1]
@@ -168,9 +170,6 @@ def _without_fins(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> ND
 
     The winding number changes by one across such a sheet, which would carve a slit along it.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     _, group, uses = _grouped(np.sort(_edges(faces), axis=1))
     of_edge = uses[group].reshape(-1, 3)
     if not ((of_edge == 1).any() and (of_edge > 2).any()):
@@ -192,10 +191,6 @@ def _merged(
     vertices: NDArray[np.float64], faces: NDArray[np.int64], repairs: list[str]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Merge coincident vertices everywhere, and vertices of open edges that are nearly coincident."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
     largest = float(np.ptp(vertices[np.unique(faces)], axis=0).max())
     cells = np.round(vertices / (COINCIDENT * largest)).astype(np.int64)
     first, index, _ = _grouped(cells)
@@ -219,8 +214,6 @@ def _merged(
 
 def _cleaned(vertices: NDArray[np.float64], faces: NDArray[np.int64], repairs: list[str]) -> Any:
     """Merge, drop, orient and fill; the result is a trimesh that may still be open."""
-    import trimesh
-
     vertices, faces = _merged(vertices, faces, repairs)
     kept = _without_flaps(faces)
     if len(kept) < len(faces):
@@ -246,8 +239,6 @@ def _cleaned(vertices: NDArray[np.float64], faces: NDArray[np.int64], repairs: l
 
 def _as_manifold(mesh: Any) -> Any | None:
     """Return the Manifold of a closed mesh, or None when it is not one."""
-    import manifold3d
-
     manifold = manifold3d.Manifold(
         manifold3d.Mesh64(np.array(mesh.vertices, np.float64, order="C"), np.array(mesh.faces, np.uint64, order="C"))
     )
@@ -256,8 +247,6 @@ def _as_manifold(mesh: Any) -> Any | None:
 
 def _united(manifold: Any, repairs: list[str]) -> Any:
     """Union of all components, each taken as filled."""
-    import manifold3d
-
     pieces = manifold.decompose()
     if len(pieces) == 1:
         return manifold
@@ -293,9 +282,6 @@ def _single_body(manifold: Any, repairs: list[str], name: str) -> Any:
 
 def _wrapped(mesh: Any) -> Any | None:
     """Return a Manifold around everything whose winding number is at least one half."""
-    import manifold3d
-    import trimesh
-
     from pipeline.prepare.winding import winding_surface
 
     vertices, faces = winding_surface(np.asarray(mesh.vertices), np.asarray(mesh.faces), WRAP_CELLS)
@@ -310,10 +296,10 @@ def _wrapped(mesh: Any) -> Any | None:
 
 def _lost_depth(mesh: Any, solid: Any) -> float:
     """Return how far (m) the surface of ``mesh`` lies outside of ``solid`` at most; sheets inside do not count."""
-    from pipeline.shapes.distance_grid import ray_scene
+    from pipeline.shapes.rays import ray_scene
 
     result = solid.to_mesh64()
-    scene = ray_scene(np.asarray(result.vert_properties)[:, :3], np.asarray(result.tri_verts))
+    scene = ray_scene((np.asarray(result.vert_properties)[:, :3], np.asarray(result.tri_verts)))
     points = np.concatenate([mesh.vertices, mesh.triangles_center]).astype(np.float32)
     return float(scene.compute_signed_distance(points, nthreads=1, nsamples=3).numpy().max())
 
@@ -324,7 +310,7 @@ def _simplified(body: Any, repairs: list[str]) -> Any:
     Manifold keeps the surface closed and its tolerance nearly; how far the old vertices lie from the new surface is
     measured.
     """
-    from pipeline.shapes.distance_grid import ray_scene
+    from pipeline.shapes.rays import ray_scene
 
     before = body.num_tri()
     if before <= MOST_FACES:
@@ -334,7 +320,7 @@ def _simplified(body: Any, repairs: list[str]) -> Any:
         if simpler.num_tri() <= MOST_FACES:
             break
     result = simpler.to_mesh64()
-    scene = ray_scene(np.asarray(result.vert_properties)[:, :3], np.asarray(result.tri_verts))
+    scene = ray_scene((np.asarray(result.vert_properties)[:, :3], np.asarray(result.tri_verts)))
     points = np.asarray(body.to_mesh64().vert_properties)[:, :3].astype(np.float32)
     moved = 1000 * float(scene.compute_distance(points, nthreads=1).numpy().max())
     repairs.append(f"simplified {before} to {simpler.num_tri()} faces (the surface moved by at most {moved:.3f} mm)")

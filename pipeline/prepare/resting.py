@@ -5,7 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from pipeline.shapes.convex_parts import reduced_hull
 
 CONTACT_TOLERANCE = 4e-4  # m; points this close to the lowest carry the object (scans are rough)
 STABLE_HULL_VERTICES = 150  # the pose list is quadratic in faces
@@ -21,8 +25,6 @@ class Stance:
 
 def stance(vertices: NDArray[np.float64]) -> Stance:
     """Return how the object (origin at the centre of mass) stands with +z up."""
-    from scipy.spatial import ConvexHull, QhullError
-
     bottom = float(vertices[:, 2].min())
     carrying = vertices[vertices[:, 2] < bottom + CONTACT_TOLERANCE, :2]
     try:
@@ -38,10 +40,6 @@ def stable_poses(vertices: NDArray[np.float64]) -> list[dict[str, object]]:
 
     After Goldberg et al., as implemented by trimesh, without randomness.
     """
-    import trimesh
-
-    from pipeline.shapes.convex_parts import reduced_hull
-
     (hull_vertices, hull_faces), _ = reduced_hull(vertices, STABLE_HULL_VERTICES)
     hull = trimesh.Trimesh(hull_vertices, hull_faces, process=False)
     transforms, probabilities = trimesh.poses.compute_stable_poses(

@@ -7,18 +7,16 @@ hand.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pipeline.records import paths
 from pipeline.records.captures import read_capture, read_truth
 from pipeline.records.digests import digest, folder_digest
-from pipeline.records.errors import UserError
-from pipeline.records.parameters import load_parameters, read_parameters
+from pipeline.records.parameters import load_with_workers
+from pipeline.records.parameters.names import require_name
 from pipeline.stages.code import own_fingerprint
-from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
+from pipeline.stages.items import Keep, Stage, make_by_hand, make_items, one_by_one
 from pipeline.stages.outputs import Folders, files_in
 from pipeline.stages.running import run_stage
 
@@ -41,14 +39,11 @@ def reconstruct(only: str) -> None:
     Raises:
         UserError: a capture is missing or damaged, or its photos cannot be reconstructed.
     """
-    parameters = load_parameters(sections())
-    workers, seed, settings = read_parameters().compute, parameters["seed"], parameters["reconstruct"]
+    parameters, workers = load_with_workers(sections())
+    seed, settings = parameters["seed"], parameters["reconstruct"]
     folders = {name: Path(item.folder) for name, item in parameters["captures"].items()}
-    if only and only not in folders:
-        raise UserError(
-            f"params.yaml: there is no capture {only!r} under `captures`; add it there, or use one of "
-            f"{', '.join(sorted(folders)) or 'none yet'}."
-        )
+    if only:
+        require_name(only, folders, "captures", kind="capture")
     names = [only] if only else list(folders)
     for name in names:  # what is wrong with a folder is said before the long work on others
         read_capture(folders[name])
@@ -57,15 +52,12 @@ def reconstruct(only: str) -> None:
         keep(name, _files(folders[name], settings, seed, workers))
         yield from ()
 
-    def begin(keys: Sequence[str], keep: Keep) -> list[tuple[str, Any]]:
-        return [(name, partial(work, name, keep)) for name in keys]
-
     if only:
-        make_by_hand(STAGE, names, begin, workers)
+        make_by_hand(STAGE, names, one_by_one(work), workers)
         return
     common = digest(own_fingerprint("reconstruct"), seed, settings)
     fingerprints = {name: digest(common, folder_digest(folders[name], "capture")) for name in names}
-    make_items(STAGE, fingerprints, begin, workers)
+    make_items(STAGE, fingerprints, one_by_one(work), workers)
 
 
 def _files(folder: Path, settings: ReconstructParameters, seed: int, workers: Workers) -> dict[str, bytes]:

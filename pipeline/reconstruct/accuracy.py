@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from pipeline.reconstruct.surface import Surface
+from pipeline.shapes.rays import ray_scene
 
 SAMPLES = 20000
 
@@ -28,18 +30,11 @@ class Accuracy:
 
 
 def _distances(source: Surface, target: Surface, seed: int) -> NDArray[np.float64]:
-    import open3d
-    import trimesh
-
     points, _ = trimesh.sample.sample_surface(
         trimesh.Trimesh(source.vertices, source.faces, process=False), SAMPLES, seed=seed
     )
-    scene = open3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        open3d.core.Tensor(target.vertices.astype(np.float32)), open3d.core.Tensor(target.faces.astype(np.uint32))
-    )
-    query = open3d.core.Tensor(np.asarray(points, np.float32))
-    return np.asarray(scene.compute_distance(query, nthreads=1).numpy(), np.float64)
+    scene = ray_scene((target.vertices, target.faces))
+    return np.asarray(scene.compute_distance(np.asarray(points, np.float32), nthreads=1).numpy(), np.float64)
 
 
 def compare(found: Surface, true: Surface) -> Accuracy:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from pipeline.compute.fan_out import Workers, fan_out
@@ -59,8 +60,6 @@ class _Task:
 
 
 def _depths(task: _Task) -> DepthMap:
-    import cv2
-
     cv2.setNumThreads(1)
     others = range(1, len(task.views))
     if not task.surfaces:

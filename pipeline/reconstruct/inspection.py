@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,8 +22,6 @@ SIZES_TRIED = np.exp(np.linspace(np.log(0.5), np.log(2.0), 281))
 
 def sharpness(photo: Photo) -> float:
     """Return how much of a photo's contrast is in its finest detail: variance of its Laplacian over its variance."""
-    import cv2
-
     scale = 960 / max(photo.size)
     grey = cv2.resize(photo.grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else photo.grey
     return float(cv2.Laplacian(grey, cv2.CV_32F).var() / max(float(grey.var()), 1.0))
@@ -30,8 +29,6 @@ def sharpness(photo: Photo) -> float:
 
 def _misfit(seen: Sightings, corners: Mapping[int, NDArray[np.float64]]) -> float:
     """Return how far (root mean square, m) flat corners are from where a homography sees them."""
-    import cv2
-
     numbers = sorted(seen)
     pixels = np.concatenate([seen[number] for number in numbers])
     scene = np.concatenate([corners[number][:, :2] for number in numbers])

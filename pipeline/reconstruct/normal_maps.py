@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from pipeline.reconstruct.photos import Photo, shrunk
 from pipeline.records.captures import Capture
@@ -24,8 +25,6 @@ def read_normals(path: Path) -> NDArray[np.float32]:
     Raises:
         UserError: the file is damaged or has another shape.
     """
-    from PIL import Image
-
     try:
         if path.suffix == ".npy":
             normals: Any = np.load(path, allow_pickle=False)

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageOps, UnidentifiedImageError
 
 from pipeline.records.captures import Capture
 from pipeline.records.errors import UserError
@@ -47,8 +48,6 @@ def _read(path: Path, mode: Literal["L", "RGB"]) -> NDArray[np.uint8]:
     Raises:
         UserError: the file is no readable picture, or a very small one.
     """
-    from PIL import Image, ImageOps, UnidentifiedImageError
-
     try:
         with Image.open(path) as picture:
             upright = ImageOps.exif_transpose(picture)

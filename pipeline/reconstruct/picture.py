@@ -5,8 +5,10 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping, Sequence
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 from scipy.spatial import cKDTree
 
 from pipeline.reconstruct.dense import DenseObject
@@ -34,8 +36,6 @@ def surfaces_over(photo: NDArray[np.uint8], view: View, found: Sequence[DenseObj
     Args:
         photo: (h', w', 3) what the undistorted view shows.
     """
-    import cv2
-
     scale = width / photo.shape[1]
     small = cv2.resize(photo, (width, round(scale * photo.shape[0])), interpolation=cv2.INTER_AREA)
     grey = small.astype(np.float64).mean(axis=-1, keepdims=True)
@@ -55,8 +55,6 @@ def surfaces_over(photo: NDArray[np.uint8], view: View, found: Sequence[DenseObj
 
 
 def _jpeg(pixels: NDArray[np.uint8], width: int) -> bytes:
-    from PIL import Image
-
     picture, target = Image.fromarray(pixels), io.BytesIO()
     height = round(picture.height * width / picture.width)
     picture.resize((width, height), Image.Resampling.LANCZOS).save(target, format="JPEG", quality=JPEG_QUALITY)

@@ -11,8 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from pipeline.reconstruct.views import View
 from pipeline.records.parameters.reconstruct import SweepParameters
@@ -98,16 +100,12 @@ class _Reference:
     """The window of the photo whose depths are looked for, with its moments."""
 
     def __init__(self, image: NDArray[np.float32], size: int) -> None:
-        import cv2
-
         self.size, self.image = (size, size), image
         self.mean = cv2.boxFilter(image, cv2.CV_32F, self.size)
         self.variance = np.maximum(cv2.boxFilter(image * image, cv2.CV_32F, self.size) - self.mean**2, 0)
 
     def correlation(self, warped: NDArray[Any]) -> NDArray[np.float32]:
         """Return the normalised cross-correlation (h, w) with a warped photo; -1 where it shows nothing (NaN)."""
-        import cv2
-
         outside = np.isnan(warped)
         any_outside = bool(outside.any())
         if any_outside:
@@ -183,8 +181,6 @@ def sweep(
         others: indices of the views it is compared with, at least one.
         nearest: smallest depth tried, m; ``farthest`` the largest. Planes are spaced evenly in inverse depth.
     """
-    import cv2
-
     own, compared = views[view], [views[other] for other in others]
     reference = _Reference(window.of(own.image), settings.window)
     homographies = _homographies(own, compared, window)
@@ -231,8 +227,6 @@ class _Lines:
 
     def warped(self, depth: NDArray[np.float32]) -> NDArray[Any]:
         """Return what the photo shows where the window's pixels have ``depth`` (h, w); NaN outside of it."""
-        import cv2
-
         pixels = self.directions * depth.reshape(-1, 1) + self.start
         place = (pixels[:, :2] / pixels[:, 2:] - np.float32(0.5)).reshape(*depth.shape, 2)
         columns, rows = np.ascontiguousarray(place[..., 0]), np.ascontiguousarray(place[..., 1])
@@ -262,18 +256,13 @@ def follow(
     base: NDArray[np.float32],
     visible: NDArray[np.bool_],
     settings: SweepParameters,
-    reach: float = SECOND_REACH,
 ) -> DepthMap:
-    """Return the depths of one window, looked for on surfaces parallel to a known one.
+    """Return the depths of one window, looked for on surfaces parallel to a known one near by.
 
     Args:
         base: (h, w) depths of the known surface, m; 0 where it is not seen or seen too flatly.
         visible: (others, h, w) where the other views see that surface too, by what is known so far.
-        reach: how far to both sides depths are tried, m.
     """
-    import cv2
-    from scipy.ndimage import distance_transform_edt
-
     own, seen = views[view], base > 0
     if not seen.any():
         empty = np.zeros(base.shape, np.float32)
@@ -283,7 +272,7 @@ def follow(
     nearest = distance_transform_edt(~seen, return_distances=False, return_indices=True)
     extended = base[tuple(nearest)]
     lines = [_Lines.between(own, views[other], window) for other in others]
-    offsets = np.linspace(-reach, reach, SECOND_STEPS)
+    offsets = np.linspace(-SECOND_REACH, SECOND_REACH, SECOND_STEPS)
     volume = np.empty((SECOND_STEPS, window.height, window.width), np.float32)
     likeness: tuple[float, ...] = ()
     for step, offset in enumerate(offsets):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import trimesh
 
 from pipeline.compute.fan_out import Workers
 from pipeline.reconstruct.accuracy import Accuracy, compare
@@ -39,8 +40,6 @@ class Reconstruction:
 
 def in_object_frame(name: str, item: SceneObject, found: DenseObject, count: int, seed: int) -> ReconstructedObject:
     """Return the surface and its samples with the centre of mass as origin, turned as the placement says."""
-    import trimesh
-
     surface = found.surface
     samples = samples_of(surface, found.points.positions, count, seed)
     mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
@@ -67,7 +66,7 @@ def reconstruct(capture: Capture, settings: ReconstructParameters, seed: int, wo
         UserError: the photos, the tags, an object or the machine do not allow it; the text says which and what to do.
     """
     if settings.method == "2dgs":
-        from pipeline.reconstruct.splatting import check_device
+        from pipeline.reconstruct.splatting import check_device  # torch is for this method alone
 
         check_device(settings.splat.device)
     photos = read_photos(capture, settings.largest_side)

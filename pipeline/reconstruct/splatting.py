@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -82,8 +83,6 @@ def shrunk_view(
     view: View, window: Window, bodies: Bodies, own: int, scale: float, prior: NDArray[np.float32] | None
 ) -> SplatView:
     """Return one window of a photo, shrunk by ``scale``, and where body number ``own`` is seen there."""
-    import cv2
-
     height, width = max(round(window.height * scale), 8), max(round(window.width * scale), 8)
     # Whole pixels: the small window ends up to half a pixel beside the large one, at the same scale in both directions.
     grid = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1) / scale

@@ -5,8 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import manifold3d
 import numpy as np
+import open3d
+import trimesh
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from pipeline.reconstruct.fusion import Points
 from pipeline.records.captures import Scene
@@ -64,8 +68,6 @@ def belongs_to(positions: NDArray[np.float64], scene: Scene, settings: SurfacePa
 
 def oriented(points: Points) -> Any:
     """Return an Open3D cloud without lone points, its normals turned to the cameras."""
-    import open3d
-
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points.positions))
     cloud.normals = open3d.utility.Vector3dVector(points.towards)
     _, kept = cloud.remove_statistical_outlier(OUTLIER_NEIGHBOURS, OUTLIER_SPREAD)
@@ -167,8 +169,6 @@ def assumed_base(
 
 
 def _solid(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Any:
-    import manifold3d
-
     return manifold3d.Manifold(
         manifold3d.Mesh64(np.ascontiguousarray(vertices), np.ascontiguousarray(faces, np.uint64))
     )
@@ -200,8 +200,6 @@ def poisson_surface(points: Points, support: float, spacing: float, settings: Su
     Raises:
         UserError: see :func:`closed_at_support`, or there are too few points.
     """
-    import open3d
-
     if len(points.positions) < settings.least_points:
         raise UserError(
             f"{name}: only {len(points.positions)} surface points were measured in its box; correct its position and "
@@ -227,10 +225,6 @@ def poisson_surface(points: Points, support: float, spacing: float, settings: Su
 
 def samples_of(surface: Surface, measured: NDArray[np.float64], count: int, seed: int) -> Samples:
     """Return farthest-point samples of a surface; ``measured`` (n, 3) are the points it was made from."""
-    import open3d
-    import trimesh
-    from scipy.spatial import cKDTree
-
     mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
     candidates, face = trimesh.sample.sample_surface(mesh, count * CANDIDATES_PER_SAMPLE, seed=seed)
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(np.asarray(candidates)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,8 +31,6 @@ def refined_corners(light: NDArray[np.float32], corners: NDArray[np.float64]) ->
         light: (h, w) linear brightness: in gamma-coded values a blurred edge seems to lie towards the dark side.
         corners: (4, 2) first guess, within a pixel or two.
     """
-    import cv2
-
     lines = np.zeros((4, 3))
     for k in range(4):
         begin, end = corners[k], corners[(k + 1) % 4]
@@ -70,8 +69,6 @@ def detect_tags(photo: Photo, layout: TagLayout) -> Sightings:
 
     A tag that is seen twice in one photo, printed twice or mistaken, is left out: which one is meant is unknown.
     """
-    import cv2
-
     families = {
         "tag36h11": cv2.aruco.DICT_APRILTAG_36h11,
         "tag25h9": cv2.aruco.DICT_APRILTAG_25h9,

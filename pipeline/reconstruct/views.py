@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -54,8 +55,6 @@ def _maps(view: SparseView) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
 
 def undistorted(view: SparseView, similarity: Similarity) -> View:
     """Return the metric pinhole view of a posed photo: same size and focal length, principal point in the middle."""
-    import cv2
-
     width, height = view.photo.size
     focal = view.camera.mean_focal_length()
     K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
@@ -75,13 +74,9 @@ def undistort_all(views: Sequence[SparseView], similarity: Similarity) -> list[V
 
 def undistorted_colours(view: SparseView, colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return the colours (h, w, 3) of a photo as its undistorted view shows them."""
-    import cv2
-
     return np.asarray(cv2.remap(colours, *_maps(view), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8)
 
 
 def undistorted_normals(view: SparseView, normals: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the normal map (h, w, 3) of a photo as its undistorted view shows it."""
-    import cv2
-
     return np.asarray(cv2.remap(normals, *_maps(view), cv2.INTER_NEAREST), np.float32)

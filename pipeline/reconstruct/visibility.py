@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.reconstruct.surface import Surface
+from pipeline.shapes.rays import ray_scene
 
 LIFT = 0.0005  # m off a surface, so that it does not hide its own points
 
@@ -17,14 +17,7 @@ class Bodies:
     """Surfaces that hide each other."""
 
     def __init__(self, surfaces: Sequence[Surface]) -> None:
-        import open3d
-
-        self._rays: Any = open3d.t.geometry.RaycastingScene(nthreads=1)
-        for surface in surfaces:
-            self._rays.add_triangles(
-                open3d.core.Tensor(surface.vertices.astype(np.float32)),
-                open3d.core.Tensor(surface.faces.astype(np.uint32)),
-            )
+        self._rays = ray_scene(*((surface.vertices, surface.faces) for surface in surfaces))
 
     def hits(
         self, origin: NDArray[np.float64], rays: NDArray[np.float64]

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from pipeline.records import paths
-from pipeline.records.errors import UserError
+from pipeline.records.errors import UserError, first_mistake
 from pipeline.records.poses import pose_matrix
 from pipeline.records.texts import parse_json, parse_yaml
 
@@ -105,7 +105,7 @@ class TagLayout(_Strict):
 
 
 class SceneObject(_Strict):
-    """Where one object stands, roughly, and how large it is at most."""
+    """The approximate pose of an object, and its maximum size."""
 
     position: tuple[float, float]  # m, middle of the object on the support plane
     yaw_degrees: float = 0.0  # turns the object's canonical frame, and the box, about z
@@ -143,7 +143,7 @@ class Intrinsics(_Strict):
         return self
 
     def shrunk(self, times: int) -> Intrinsics:
-        """Return the camera of photos that were shrunk by a whole number, pixels left over cut off."""
+        """Return the camera of photos that were shrunk by an integer factor, leftover pixels cropped."""
         focal, _ = LENS_PARAMETERS[self.model]
         lengths, lens = self.parameters[: focal + 2], self.parameters[focal + 2 :]
         return Intrinsics(
@@ -154,13 +154,13 @@ class Intrinsics(_Strict):
         )
 
     def check_sizes(self, sizes: Mapping[str, tuple[int, int]]) -> None:
-        """Refuse photos that this camera did not take.
+        """Refuse photos whose size is not this camera's.
 
         Args:
             sizes: width and height of every photo by its name, pixels.
 
         Raises:
-            UserError: one has another size.
+            UserError: a photo has another size.
         """
         for name, (width, height) in sizes.items():
             if (width, height) != (self.width, self.height):
@@ -172,7 +172,7 @@ class Intrinsics(_Strict):
 
 @dataclass(frozen=True)
 class Capture:
-    """A capture folder whose texts were read and checked; photos are named but not opened."""
+    """A capture whose text files were read and checked; its photos are listed but not opened."""
 
     folder: Path
     images: tuple[Path, ...]  # in the order of their names
@@ -181,7 +181,7 @@ class Capture:
     intrinsics: Intrinsics | None
 
     def beside(self, kind: Literal["masks", "normals"], image: Path) -> Path | None:
-        """Return the file of ``masks/`` or ``normals/`` that belongs to an image, None without one."""
+        """Return the file of ``masks/`` or ``normals/`` that belongs to an image, or None if there is none."""
         for suffix in BESIDE_SUFFIXES[kind]:
             path = self.folder / kind / f"{image.stem}{suffix}"
             if path.exists():
@@ -193,14 +193,14 @@ Model = TypeVar("Model", bound=_Strict)
 
 
 class _Loader(yaml.SafeLoader):
-    """The safe loader, but a key that stands twice is refused: the second would silently replace the first."""
+    """The safe loader, except that it refuses duplicate keys: the second would silently replace the first."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         """Return a mapping, as the safe loader does."""
         keys = [(key.tag, key.value) for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
         double = next((value for (_, value), count in Counter(keys).items() if count > 1), None)
         if double is not None:
-            raise yaml.constructor.ConstructorError(None, None, f"{double} is there twice", node.start_mark)
+            raise yaml.constructor.ConstructorError(None, None, f"{double} occurs twice", node.start_mark)
         return super().construct_mapping(node, deep)
 
 
@@ -214,20 +214,16 @@ def _read_yaml(path: Path, model: type[Model]) -> Model:
     except (yaml.YAMLError, ValueError) as error:
         raise UserError(f"{path} is not valid YAML: {' '.join(str(error).split())}; correct it there.") from error
     if not isinstance(content, dict):
-        raise UserError(f"{path} is empty or no mapping; docs/capture.md shows what it holds.")
+        raise UserError(f"{path} is empty or not a mapping; docs/capture.md shows what it holds.")
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        text = "unknown key (misspelt?)" if first["type"] == "extra_forbidden" else first["msg"]
-        where, text = f"{where}: " if where else "", text.removeprefix("Value error, ")
-        raise UserError(f"{path}: {where}{text}; docs/capture.md shows what it holds.") from error
+        raise UserError(f"{path}: {first_mistake(error, 'key')}; docs/capture.md shows what it holds.") from error
 
 
 def _images(folder: Path) -> tuple[Path, ...]:
     if not (folder / "images").is_dir():
-        raise UserError(f"{folder} has no folder images/; put the photos there.")
+        raise UserError(f"{folder} has no folder images/; create it and put the photos there.")
     present = sorted(path for path in (folder / "images").iterdir() if not path.name.startswith("."))
     foreign = [path for path in present if path.suffix.lower() not in IMAGE_SUFFIXES or path.is_dir()]
     if foreign:
@@ -246,7 +242,7 @@ def _check_beside(folder: Path, images: tuple[Path, ...]) -> None:
     stems = {image.stem for image in images}
     for kind, suffixes in BESIDE_SUFFIXES.items():
         if (folder / kind).exists() and not (folder / kind).is_dir():
-            raise UserError(f"{folder / kind} is no folder; remove it, or make it one.")
+            raise UserError(f"{folder / kind} is not a folder; remove it, or make it one.")
         present = sorted((folder / kind).glob("[!.]*"))
         lost = [path for path in present if path.stem not in stems]
         if lost:
@@ -257,7 +253,7 @@ def _check_beside(folder: Path, images: tuple[Path, ...]) -> None:
 
 
 def _overlap(one: SceneObject, other: SceneObject) -> float:
-    """Return how deep two boxes lie in each other, seen from above, in parts of the sum of their half extents.
+    """Return how far two boxes overlap, seen from above, as a fraction of the sum of their half extents.
 
     The least over the axes of both, across which two rectangles can be told apart; negative where there is a gap.
     """
@@ -272,10 +268,13 @@ def _overlap(one: SceneObject, other: SceneObject) -> float:
 def _check_scene(path: Path, scene: Scene) -> None:
     for name, item in scene.objects.items():
         if not name.replace("_", "a").isalnum() or not name[0].isalpha() or name != name.lower():
-            raise UserError(f"{path}: object name {name!r}: use small letters, digits and underscores, a letter first.")
+            raise UserError(
+                f"{path}: object name {name!r}: use lower-case letters, digits and underscores, and begin with a "
+                f"letter."
+            )
         if min(item.box) <= 0.003 or max(item.box) > 1.0:
             raise UserError(
-                f"{path}: objects.{name}.box: {list(item.box)} is no size in metres; give the object's extents in m."
+                f"{path}: objects.{name}.box: {list(item.box)} is not a size in metres; give the object's extents in m."
             )
     for (first, one), (second, other) in combinations(scene.objects.items(), 2):
         if _overlap(one, other) > LARGEST_OVERLAP:
@@ -287,7 +286,7 @@ def _check_scene(path: Path, scene: Scene) -> None:
 
 
 def read_capture(folder: Path) -> Capture:
-    """Read and check the texts of a capture, and list its photos.
+    """Read and check the text files of a capture, and list its photos.
 
     Raises:
         UserError: something is missing, unreadable or contradicts itself.
@@ -312,7 +311,7 @@ def read_capture(folder: Path) -> Capture:
 
 @dataclass(frozen=True)
 class Truth:
-    """``gt/``: what is truly there, for measuring only."""
+    """``gt/``: the ground truth of a synthetic capture, used for evaluation only."""
 
     surfaces: dict[str, Path]  # per object its true mesh in the scene frame
     rendered: bool  # the photos are pictures of a computer
@@ -320,7 +319,7 @@ class Truth:
 
 
 def read_truth(folder: Path) -> Truth | None:
-    """Return what ``gt/`` of a capture holds, None without one.
+    """Return the ground truth of a capture, or None if it has none.
 
     Raises:
         UserError: ``gt/cameras.json`` is damaged.

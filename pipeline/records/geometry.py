@@ -1,4 +1,4 @@
-"""Meshes and point clouds from files that anybody may have made: nothing but the file itself is read.
+"""Meshes and point clouds from untrusted files: nothing but the file itself is read.
 
 A mesh file can name others (materials and pictures of obj, glb and ply). They are not looked for: shape is all that is
 wanted, a picture can unpack to any size, and a name can lead to a device, a pipe or the network.
@@ -60,7 +60,7 @@ def read_geometry_file(source: Path, process: bool = False) -> Any:
 
 
 def _check_glb(content: bytes) -> None:
-    """Refuse numbers without data, for which the reader would make room, and nodes with several parents."""
+    """Refuse counts without data, for which the reader would allocate memory, and nodes with several parents."""
     import json
 
     header = json.loads(content[20 : 20 + int.from_bytes(content[12:16], "little")])
@@ -68,15 +68,15 @@ def _check_glb(content: bytes) -> None:
         raise ValueError("it counts values that it does not hold")
     children = [child for node in header.get("nodes", []) for child in node.get("children", [])]
     if len(set(children)) < len(children):
-        raise ValueError("its nodes are no tree")
+        raise ValueError("its nodes are not a tree")
 
 
 def _check_arrays(vertices: NDArray[Any], faces: NDArray[Any]) -> None:
-    """Refuse vertices that are no points, and faces that name vertices which do not exist."""
+    """Refuse vertices that are not points, and faces that refer to missing vertices."""
     if vertices.size and (vertices.ndim != 2 or vertices.shape[1] != 3):
-        raise ValueError("its vertices have not three coordinates")
+        raise ValueError("its vertices do not have three coordinates")
     if faces.size and (faces.ndim != 2 or faces.shape[1] != 3 or faces.min() < 0 or faces.max() >= len(vertices)):
-        raise ValueError("its faces name vertices that it does not hold")
+        raise ValueError("its faces refer to vertices that it does not hold")
 
 
 def _one(scene: trimesh.Scene) -> trimesh.Trimesh:

@@ -178,7 +178,7 @@ def _read_shapes(source: Path) -> dict[str, NDArray[Any]]:
 def _parts(
     sizes: NDArray[np.int32], vertices: NDArray[np.float32], faces: NDArray[np.int32]
 ) -> tuple[tuple[NDArray[np.float64], NDArray[np.int64]], ...]:
-    """Take the parts of an object out of their concatenated arrays, see :data:`SHAPES`.
+    """Split the concatenated arrays of an object into its parts, see :data:`SHAPES`.
 
     Raises:
         ValueError: the arrays do not belong together.

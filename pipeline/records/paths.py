@@ -20,9 +20,10 @@ DURATIONS_FILE = Path("reports/durations.json")
 TRACKING_DATABASE = Path("mlflow.db")
 TRACKING_ARTIFACTS = Path("mlartifacts")
 
-# Where the grasps of trials come from.
-SOURCES = ("synthesized", "learned")  # of all pairs
-RECONSTRUCTED = "reconstructed"  # of the pairs under `reconstructed` in params.yaml
+# Names of sources of grasps, see `records.sources`.
+SYNTHESIZED = "synthesized"
+LEARNED = "learned"
+RECONSTRUCTED = "reconstructed"
 
 
 def prepared_folder(object_name: str) -> Path:
@@ -55,7 +56,7 @@ def sampled_file(source: str, first: str) -> Path:
 
 
 def sample_quality_file(source: str) -> Path:
-    """Figures on what the model drew for every pair, by first and second object."""
+    """Statistics of the model's samples for every pair, by first and second object."""
     return Path("data/sample") / source / "quality.json"
 
 

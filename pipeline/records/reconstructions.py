@@ -38,7 +38,7 @@ SURFACES = "-surfaces.jpg"
 
 @dataclass(frozen=True)
 class ReconstructedObject:
-    """One object as the photos show it."""
+    """One object as reconstructed from the photos."""
 
     name: str
     vertices: NDArray[np.float64]  # (V, 3), object frame, m
@@ -129,7 +129,7 @@ def load_reconstruction_metrics(capture: str) -> dict[str, Any]:
 
 
 def load_reconstruction_pictures(capture: str) -> dict[str, tuple[bytes, bytes]]:
-    """Load, per photo shown of one capture, itself and what was found, as JPEG.
+    """Load the photos of a capture that are shown, each with a picture of the surfaces found, as JPEG.
 
     Raises:
         UserError: there are none, or one of a pair is missing.

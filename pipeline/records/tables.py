@@ -16,6 +16,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from pipeline.records import energy_terms
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.writing import whole_file
@@ -45,44 +46,50 @@ CANDIDATES = pa.schema(
         ("contact_candidates", pa.list_(pa.int32())),  # indices into Hand.contact_points
         ("contact_points", _VECTORS),  # object frame, on the hand's surface
         ("contact_normals", _VECTORS),  # object frame, outward normal of the object's surface at the closest point
-        ("energy", pa.float64()),
-        ("energy_force_closure", pa.float64()),  # dimensionless, torque already scaled by object size
-        ("energy_distance", pa.float64()),  # m, sum over contacts
-        ("energy_penetration", pa.float64()),  # m, sum over object surface points, deepest hand part
-        ("energy_table", pa.float64()),  # m, sum over hand (and flange) surface points
-        ("energy_self_penetration", pa.float64()),  # m
-        ("energy_joints", pa.float64()),  # rad beyond limits
-        ("energy_offset", pa.float64()),  # m2, squared distance of the contacts' middle from the centre of mass
-        ("energy_keep_out", pa.float64()),  # m, sum over points that the other object of a pair and its fingers need
+        *((column, pa.float64()) for column in energy_terms.COLUMNS.values()),
         ("rejected_by", pa.string()),
-    ]
-)
-
-# The same rows after physics. Columns are null where a check was not reached.
-VALIDATED = pa.schema(
-    [
-        *CANDIDATES,
-        ("squeeze_q", _OPTIONAL_VECTOR),  # joint targets that press the contacts together
-        ("open_q", _OPTIONAL_VECTOR),  # joint positions for the approach
-        (
-            "approach_direction",
-            _OPTIONAL_VECTOR,
-        ),  # object frame, unit, from the grasp towards where the hand comes from
-        ("gravity_drift", pa.list_(pa.float64())),  # m, per gravity direction tested, in the order of the parameter
-        ("gravity_rotation", pa.list_(pa.float64())),  # rad
-        ("gravity_in_contact", pa.list_(pa.bool_())),  # an assigned link presses at the end
-        ("contact_only_pass", pa.bool_()),  # the paper's rule: some link presses in all six directions
-        ("table_approach_push", pa.float64()),  # m, how far the object moved before the fingers closed
-        ("table_drift", pa.float64()),  # m, motion in the hand from the end of the squeeze to the end of the hold
-        ("settling_drift", pa.float64()),  # m, motion in the hand under a gentle squeeze alone; pinch only
     ]
 )
 
 
 def _column(name: str, kind: pa.DataType, description: str) -> pa.Field:
-    """A column that says in the file itself what it holds: ``pyarrow.parquet.read_schema(file).field(name)``."""
+    """A column that says what it holds, unit first: ``description(field)``."""
     return pa.field(name, kind, metadata={"description": description})
 
+
+def description(column: pa.Field) -> str:
+    """Return what a column holds."""
+    return column.metadata[b"description"].decode()  # type: ignore[no-any-return]
+
+
+# What the checks of ``validate`` add to a candidate's row. Null where a check was not reached.
+CHECKED = pa.schema(
+    [
+        _column("squeeze_q", _OPTIONAL_VECTOR, "rad, joint targets that press the contacts together"),
+        _column("open_q", _OPTIONAL_VECTOR, "rad, joint positions for the approach"),
+        _column(
+            "approach_direction",
+            _OPTIONAL_VECTOR,
+            "unit vector, object frame, from the grasp towards where the hand comes from",
+        ),
+        _column(
+            "gravity_drift",
+            pa.list_(pa.float64()),
+            "m, motion in the hand per gravity direction tested, in the order of the parameter",
+        ),
+        _column("gravity_rotation", pa.list_(pa.float64()), "rad, rotation in the hand, likewise"),
+        _column("gravity_in_contact", pa.list_(pa.bool_()), "an assigned link presses at the end, likewise"),
+        _column("contact_only_pass", pa.bool_(), "the paper's rule: some link presses in all six directions"),
+        _column("table_approach_push", pa.float64(), "m, how far the object moved before the fingers closed"),
+        _column(
+            "table_drift", pa.float64(), "m, motion in the hand from the end of the squeeze to the end of the hold"
+        ),
+        _column("settling_drift", pa.float64(), "m, motion in the hand under a gentle squeeze alone; pinch only"),
+    ]
+)
+
+# The candidates' rows after physics, without descriptions in the file.
+VALIDATED = pa.schema([*CANDIDATES, *(column.remove_metadata() for column in CHECKED)])
 
 # One row per tried combination of a pinch grasp (object 0) and a side grasp (object 1). reports/dataset.md lists the
 # descriptions.

@@ -1,4 +1,4 @@
-"""YAML and JSON that anybody may have written: whatever is wrong with a text is one kind of error."""
+"""YAML and JSON from untrusted sources: whatever is wrong with a text raises one kind of error."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ MOST_VALUES = 10_000_000  # what a text of a few lines can stand for has no boun
 
 
 def parse_yaml(text: str, loader: type[yaml.SafeLoader] = yaml.SafeLoader) -> Any:
-    """Return plain data: the safe loader makes nothing else.
+    """Return plain data, as the safe loader creates nothing else.
 
     Raises:
-        yaml.YAMLError: the text is not valid, or its aliases stand for more than :data:`MOST_VALUES` values.
+        yaml.YAMLError: the text is not valid, or its aliases expand to more than :data:`MOST_VALUES` values.
     """
     depth = 0
     for bracket in re.finditer(r"[\[\]{}]", text):
@@ -26,11 +26,11 @@ def parse_yaml(text: str, loader: type[yaml.SafeLoader] = yaml.SafeLoader) -> An
     try:
         content = yaml.load(text, Loader=loader)
         if _size(content, {}) > MOST_VALUES:
-            raise yaml.YAMLError(f"its aliases stand for more than {MOST_VALUES} values")
+            raise yaml.YAMLError(f"its aliases expand to more than {MOST_VALUES} values")
     except (ValueError, TypeError, LookupError, AttributeError, OverflowError) as error:
         raise yaml.YAMLError(f"a value does not fit its type: {str(error)[:200]}") from error
     except RecursionError as error:
-        raise yaml.YAMLError("it is nested too deeply, or holds itself") from error
+        raise yaml.YAMLError("it is nested too deeply, or contains itself") from error
     return content
 
 
@@ -47,7 +47,7 @@ def parse_json(text: str | bytes) -> Any:
 
 
 def _size(content: Any, known: dict[int, int]) -> int:
-    """Return how many values there are with every alias written out; recursive content exceeds the recursion limit."""
+    """Return the number of values with all aliases expanded; recursive content exceeds the recursion limit."""
     if not isinstance(content, dict | list | tuple | set):
         return 1
     if id(content) not in known:

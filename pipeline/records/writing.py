@@ -1,4 +1,4 @@
-"""Files and folders that appear whole or not at all."""
+"""Atomic writing: files and folders appear whole or not at all."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SMALLEST_FREE = 1 << 16  # bytes; with less a disk counts as full
 
 
 def is_full(folder: Path) -> bool:
-    """Return whether the disk that holds ``folder`` has no room left."""
+    """Return whether the disk that holds ``folder`` is full."""
     try:
         return shutil.disk_usage(folder).free < SMALLEST_FREE
     except OSError:
@@ -26,7 +26,7 @@ def is_full(folder: Path) -> bool:
 
 
 def _explain(error: Exception, target: Path) -> Exception:
-    """Return what to raise for an error in writing ``target``; libraries have their own kinds for a full disk."""
+    """Return what to raise for an error in writing ``target``; libraries report a full disk in ways of their own."""
     number = getattr(error, "errno", None)
     nameless = number is None and not isinstance(error, UserError)
     if nameless and ("No space left" in str(error) or is_full(target.parent)):
@@ -41,7 +41,7 @@ def _explain(error: Exception, target: Path) -> Exception:
 
 
 def check_writable(target: Path) -> None:
-    """Find out before long work whether ``target`` can be written, by making and removing a file beside it.
+    """Check before long work that ``target`` can be written, by creating and removing a file beside it.
 
     Raises:
         UserError: the folder cannot be written to.
@@ -55,22 +55,29 @@ def check_writable(target: Path) -> None:
 
 
 @contextmanager
+def _explaining(target: Path) -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:
+        explained = _explain(error, target)
+        if explained is error:
+            raise
+        raise explained from error
+
+
+@contextmanager
 def whole_file(target: Path) -> Iterator[Path]:
-    """Yield a temporary path beside ``target`` that is renamed to it when the block ends well.
+    """Yield a temporary path beside ``target`` that is renamed to it if the block succeeds.
 
     Raises:
         UserError: the folder cannot be written to.
     """
     temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        yield temporary
-        os.replace(temporary, target)
-    except Exception as error:
-        explained = _explain(error, target)
-        if explained is error:
-            raise
-        raise explained from error
+        with _explaining(target):
+            target.parent.mkdir(parents=True, exist_ok=True)
+            yield temporary
+            os.replace(temporary, target)
     finally:
         if temporary.exists():
             temporary.unlink()
@@ -78,28 +85,24 @@ def whole_file(target: Path) -> Iterator[Path]:
 
 @contextmanager
 def whole_folder(target: Path) -> Iterator[Path]:
-    """Yield a temporary folder beside ``target`` that replaces it when the block ends well.
+    """Yield a temporary folder beside ``target`` that replaces it if the block succeeds.
 
     Raises:
         UserError: the folder cannot be written to.
     """
     temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:
-        shutil.rmtree(temporary, ignore_errors=True)  # of a killed process that had the same number
-        temporary.mkdir(parents=True)
-        yield temporary
-        replace_folder(temporary, target)
-    except Exception as error:
-        explained = _explain(error, target)
-        if explained is error:
-            raise
-        raise explained from error
+        with _explaining(target):
+            shutil.rmtree(temporary, ignore_errors=True)  # of a killed process that had the same number
+            temporary.mkdir(parents=True)
+            yield temporary
+            replace_folder(temporary, target)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
 def replace_folder(new: Path, target: Path) -> None:
-    """Rename a folder to ``target``, whatever is there; when two processes do so at once, one of both stays whole."""
+    """Rename a folder to ``target``, replacing what is there; of two processes at once, one leaves its result whole."""
     old = target.with_name(f".{target.name}.old.{os.getpid()}.tmp")
     while True:
         try:

@@ -11,21 +11,20 @@ from __future__ import annotations
 
 import argparse
 import re
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.records.errors import UserError
 from pipeline.records.parameters import read_parameters
 from pipeline.replay.recording import About, Recorder, Recording, read_recording, write_recording
 from pipeline.replay.rerun import EXAMPLE, TrialName, differences, drawn_trials, known_trials, run_again, trial_name
 from pipeline.replay.video import FORMATS, RENDERERS, Film, write_video
+from pipeline.stages.running import command
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-SAME, DIFFERENT, UNUSABLE = 0, 1, 2  # exit codes
+SAME, DIFFERENT = 0, 1  # exit codes
 RECORDINGS = Path("replays")
 
 
@@ -144,6 +143,7 @@ def command_line() -> argparse.ArgumentParser:
     return parser
 
 
+@command("replay")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command."""
     parser = command_line()
@@ -156,17 +156,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error("--port must be 1 to 65535")
     film = Film(width=chosen.size[0], height=chosen.size[1], rate=chosen.fps)
     how = Showing(chosen.video, film, chosen.renderer, not (chosen.no_view or chosen.video), chosen.host, chosen.port)
-    try:
-        if chosen.check is not None:
-            return check(chosen.check, chosen.draw)
-        if Path(chosen.trial).suffix == ".parquet":
-            recording, code = read_recording(Path(chosen.trial)), SAME
-        else:
-            recording, code = replay(trial_name(chosen.trial))
-        show(recording, how)
-    except UserError as error:
-        print(f"replay: {error}", file=sys.stderr)
-        return UNUSABLE
+    if chosen.check is not None:
+        return check(chosen.check, chosen.draw)
+    if Path(chosen.trial).suffix == ".parquet":
+        recording, code = read_recording(Path(chosen.trial)), SAME
+    else:
+        recording, code = replay(trial_name(chosen.trial))
+    show(recording, how)
     return code
 
 

@@ -8,14 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.evaluate.scene import SPONGE_SIZE, SPONGE_X, TABLE_SIZE, TABLE_X
+from pipeline.pictures.colours import OBJECT_COLOURS, SPONGE_COLOUR
 from pipeline.pictures.decimation import decimated
 from pipeline.pictures.render import Body, corner_normals
 from pipeline.pictures.robot import robot_bodies
-from pipeline.pictures.table_scene import SPONGE_COLOUR
-from pipeline.plan.playback import COLOURS
 from pipeline.records.poses import pose_matrix
 from pipeline.replay.recording import Recording
+from pipeline.shapes.workplace import SPONGE_SIZE, SPONGE_X, TABLE_SIZE, TABLE_X
 
 TABLE_COLOUR = (0.80, 0.78, 0.74)
 LARGEST_PART = 1000  # faces of one part of the robot; no difference is seen at the size of a video
@@ -48,7 +47,7 @@ def appearance(recording: Recording) -> Appearance:
     prepared = [load_prepared_object(name) for name in recording.about.objects]
     first, second = (
         _light(Body(item.vertices, item.faces, colour), LARGEST_OBJECT)
-        for item, colour in zip(prepared, COLOURS, strict=True)
+        for item, colour in zip(prepared, OBJECT_COLOURS, strict=False)
     )
     height = recording.about.sponge_height
     return Appearance(

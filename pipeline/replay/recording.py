@@ -65,7 +65,7 @@ class Recorder:
 
     def __call__(self, run: Run) -> None:
         """Write down one moment."""
-        time = run.steps / run.scene.world.settings.frequency
+        time = run.steps / run.scene.world.frequency
         pose0, pose1 = (_pose(body.pose) for body in run.scene.objects)
         self.moments.append((time, run.under_way, run.scene.robot.q, pose0, pose1))
 

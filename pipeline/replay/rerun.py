@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from pipeline.evaluate.execution import Run
-from pipeline.evaluate.inputs import SOURCES, inputs_of_pair, pairs_of, sections
+from pipeline.evaluate.inputs import inputs_of_pair, pairs_of, sections
 from pipeline.evaluate.scene import placement_offsets
 from pipeline.evaluate.trial import TrialInput, run_trial
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters
+from pipeline.records.sources import SOURCES
 from pipeline.records.tables import TRIALS, pair_rows, read_table
 from pipeline.stages.seeds import item_generator
 

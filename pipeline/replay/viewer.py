@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
-import socket
 import threading
 import time
 from typing import Any
@@ -13,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.pictures.render import Body, corner_normals
-from pipeline.records.errors import UserError
+from pipeline.pictures.serving import check_host, start_server
 from pipeline.records.poses import position_quaternion
 from pipeline.replay.appearance import Appearance, appearance, moving_poses
 from pipeline.replay.recording import Recording
@@ -33,19 +30,12 @@ class Viewer:
         Raises:
             UserError: nothing can be served there, or an object's mesh is missing.
         """
-        try:
-            with socket.socket() as probe:
-                probe.bind((host, 0))
-        except OSError as error:
-            raise UserError(f"nothing can be served on --host {host} ({error.strerror}); leave it away.") from error
+        check_host(host)
         looks = appearance(recording)
-        import viser
-
         self.recording = recording
         self.playing = True
         self.one_at_a_time = threading.RLock()  # the page speaks in threads of its own
-        with contextlib.redirect_stdout(io.StringIO()):  # its own notice
-            self.server = viser.ViserServer(host=host, port=port, label=recording.about.name, verbose=False)
+        self.server = start_server(host, port, recording.about.name)
         self.address = f"http://{host}:{self.server.get_port()}"
         self._add_scene(looks)
         self._add_controls()

@@ -1,28 +1,28 @@
-"""Static figures as HTML and SVG text: they need no script, print as seen, and have the same bytes every time."""
+"""Static tables and figures as plain values, laid out; ``templates/figures.html`` writes them as HTML and SVG."""
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
-from urllib.parse import quote
+from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
+from pipeline.report.meanings import meaning_of
 from pipeline.report.rates import Spread, ratio
+from pipeline.report.wording import UNKNOWN, percent, spoken
 
 PASSED_COLOUR = "#1b7f6b"
 # Okabe and Ito's palette (distinct for colour-blind readers), without the green that is close to PASSED_COLOUR.
 CATEGORY_COLOURS = ("#e69f00", "#56b4e9", "#cc79a7", "#d55e00", "#0072b2", "#f0e442", "#8c8c8c", "#5b3a8c", "#a8763e")
 MOST_CELLS = 256  # of a heat map: the pairs of sixteen objects with sixteen; a map of more is mostly empty
 MOST_BARS = 32  # in one piece; more would not fit a sheet of paper
+BINS = 20  # of a histogram
+PERCENT_EDGES = range(0, 101, 100 // BINS)
 _LOW, _HIGH = (251, 243, 226), (20, 110, 95)
 
-
-def percent(rate: float) -> str:
-    """Return a rate as text with one decimal, such as 82.7 %."""
-    return f"{100 * rate:.1f}\u202f%"
+Counts = Mapping[str, int]  # per category
 
 
 @dataclass(frozen=True)
@@ -36,33 +36,68 @@ class Link:
 Cell = str | Link
 
 
-def data_uri(picture: bytes) -> str:
-    """Return a JPEG or WebP as a data URI."""
-    kind = "webp" if picture[8:12] == b"WEBP" else "jpeg"
-    return f"data:image/{kind};base64," + base64.b64encode(picture).decode()
+@dataclass(frozen=True)
+class Table:
+    """Cells under their headers; the first of each row is the row's own header."""
+
+    headers: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
 
 
-def image(picture: bytes, alternative: str, shape: tuple[int, int]) -> str:
-    """Return a picture that is decoded when it is near the window; its place is kept for it from the beginning.
-
-    Args:
-        shape: width and height in any unit.
-    """
-    width, height = shape
-    return (
-        f'<img src="{data_uri(picture)}" alt="{escape(alternative)}" width="{width}" height="{height}" loading="lazy">'
-    )
-
-
-def anchor(target: str) -> str:
-    """Return the ``href`` that leads to the element with the id ``target``."""
-    return "#" + quote(target)
+def spread_table(first_column: str, rows: Sequence[tuple[str, int, Spread, int]]) -> Table:
+    """Return how values are distributed: title, number of values, spread and digits of each row."""
+    cells = [
+        [title, str(count)]
+        + [
+            f"{value:.{digits}f}" if count else UNKNOWN
+            for value in (own.mean, own.least, own.quartile_1, own.median, own.quartile_3, own.most)
+        ]
+        for title, count, own, digits in rows
+    ]
+    return Table([first_column, "values", "mean", "least", "quartile 1", "median", "quartile 3", "most"], cells)
 
 
-def _cell(cell: Cell) -> str:
-    if isinstance(cell, Link):
-        return f'<a href="{anchor(cell.target)}">{escape(cell.text)}</a>'
-    return escape(cell)
+def explanations(checks: Iterable[str], meanings: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Return what ``checks`` mean, in the order in which they are made; those that share a meaning share a line."""
+    lines: dict[str, list[str]] = {}
+    for check in sorted(set(checks)):
+        lines.setdefault(meaning_of(check, meanings), []).append(spoken(check))
+    return [(", ".join(lines[text]), text) for text in meanings.values() if text in lines]
+
+
+@dataclass(frozen=True)
+class HeatCell:
+    """A coloured cell that leads to what it is about."""
+
+    rate: float  # 0 to 1
+    note: str  # small, under the rate, such as 24 of 25
+    target: str  # id of an element
+
+    @property
+    def colour(self) -> tuple[int, int, int]:
+        """RGB, 0 to 255."""
+        return scale_colour(self.rate)
+
+    @property
+    def ink(self) -> str:
+        """Colour of the text."""
+        return ink_on(self.colour)
+
+
+@dataclass(frozen=True)
+class HeatMap:
+    """A table of coloured cells."""
+
+    rows: Sequence[str]
+    columns: Sequence[str]
+    cells: Mapping[tuple[str, str], HeatCell]  # per (row, column); others are empty
+
+    @property
+    def numbers(self) -> Table:
+        """The notes as a plain table."""
+        links = {key: Link(cell.note, cell.target) for key, cell in self.cells.items()}
+        rows = [[spoken(row), *(links.get((row, column), "") for column in self.columns)] for row in self.rows]
+        return Table(["first \\ second", *map(spoken, self.columns)], rows)
 
 
 def scale_colour(rate: float) -> tuple[int, int, int]:
@@ -77,133 +112,110 @@ def ink_on(colour: tuple[int, int, int]) -> str:
     return "#fff" if 0.299 * colour[0] + 0.587 * colour[1] + 0.114 * colour[2] < 140 else "#111"
 
 
-def table(headers: Sequence[str], rows: Sequence[Sequence[Cell]], caption: str = "") -> str:
-    """Return an HTML table of escaped texts; the first column is a row header, the others are figures."""
-    head = "".join(f'<th scope="col">{escape(text)}</th>' for text in headers)
-    body = "".join(
-        "<tr>"
-        + "".join(
-            f'<th scope="row">{_cell(cell)}</th>' if column == 0 else f"<td>{_cell(cell)}</td>"
-            for column, cell in enumerate(row)
-        )
-        + "</tr>\n"
-        for row in rows
-    )
-    title = f"<caption>{escape(caption)}</caption>" if caption else ""
-    return f'<div class="wide"><table>{title}<thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>\n'
+@dataclass(frozen=True)
+class Segment:
+    """The part of a bar that one category has."""
+
+    category: str
+    count: int
+    share: float  # of the bar
+    x: float
+    width: float
+    colour: str
 
 
-def numbers(title: str, html: str) -> str:
-    """Return the numbers of a figure, folded under it; on paper they are open."""
-    return f'<details class="numbers"><summary>{escape(title)}</summary>\n{html}</details>\n'
+@dataclass(frozen=True)
+class Bar:
+    """One horizontal bar."""
+
+    label: str
+    total: int
+    segments: Sequence[Segment]
 
 
-def heat_map(
-    row_names: Sequence[str],
-    column_names: Sequence[str],
-    rates: Mapping[tuple[str, str], float],
-    notes: Mapping[tuple[str, str], str],
-    targets: Mapping[tuple[str, str], str],
-) -> str:
-    """Return a heat map as a table of coloured cells, each a link.
+@dataclass(frozen=True)
+class LegendEntry:
+    """A category's name beside its colour."""
+
+    x: int
+    y: int
+    text: str
+    colour: str
+
+
+@dataclass(frozen=True)
+class BarChart:
+    """Horizontal bars of shares, all of the same length. Lengths are units of the SVG."""
+
+    LEFT: ClassVar[int] = 250
+    LENGTH: ClassVar[int] = 640
+    WIDTH: ClassVar[int] = LEFT + LENGTH + 60
+    ROW: ClassVar[int] = 26
+
+    title: str
+    first_column: str  # header of the bars' labels
+    categories: Sequence[str]
+    legend: Sequence[LegendEntry]
+    bars: Sequence[Bar]
+
+    @property
+    def sheets(self) -> list[tuple[Sequence[LegendEntry], int, Sequence[Bar]]]:
+        """The bars in parts that fit a sheet of paper: legend (of the first part only), its height, bars."""
+        height = max((entry.y for entry in self.legend), default=0) + 24
+        parts = range(0, max(len(self.bars), 1), MOST_BARS)
+        return [(() if i else self.legend, 0 if i else height, self.bars[i : i + MOST_BARS]) for i in parts]
+
+    @property
+    def numbers(self) -> Table:
+        """Counts and shares of all bars."""
+        rows = []
+        for bar in self.bars:
+            counts = {segment.category: segment for segment in bar.segments}
+            cells = [
+                f"{counts[c].count} ({percent(counts[c].share)})" if c in counts else f"0 ({percent(0)})"
+                for c in self.categories
+            ]
+            rows.append([bar.label, str(bar.total), *cells])
+        return Table([self.first_column, "all", *map(spoken, self.categories)], rows)
+
+
+def stacked_bars(bars: Sequence[tuple[str, Counts]], passed: str, title: str, first_column: str) -> BarChart:
+    """Return bars of the shares of all categories.
 
     Args:
-        rates: 0 to 1 per (row, column); a pair without a rate has an empty cell.
-        notes: small text under each rate, such as 24 of 25.
-        targets: id of the element that each cell leads to.
-    """
-    head = "".join(f'<th scope="col">{escape(_spoken(name))}</th>' for name in column_names)
-    body = ""
-    for row in row_names:
-        body += f'<tr><th scope="row">{escape(_spoken(row))}</th>'
-        for column in column_names:
-            if (row, column) not in rates:
-                body += "<td></td>"
-                continue
-            colour = scale_colour(rates[row, column])
-            body += (
-                f'<td style="background:rgb{colour}"><a href="{anchor(targets[row, column])}" '
-                f'style="color:{ink_on(colour)}"><b>{percent(rates[row, column])}</b>'
-                f"<small>{escape(notes[row, column])}</small></a></td>"
-            )
-        body += "</tr>\n"
-    header = f"<thead><tr><th></th>{head}</tr></thead>"
-    return f'<div class="wide"><table class="heat">{header}<tbody>{body}</tbody></table></div>\n'
-
-
-def matrix(
-    row_names: Sequence[str], column_names: Sequence[str], cells: Mapping[tuple[str, str], Cell], corner: str
-) -> str:
-    """Return the numbers of a heat map as a plain table; missing cells are empty."""
-    rows = [[_spoken(row), *(cells.get((row, column), "") for column in column_names)] for row in row_names]
-    return table([corner, *map(_spoken, column_names)], rows)
-
-
-def _spoken(name: str) -> str:
-    return name.replace("_", " ")
-
-
-def stacked_bars(bars: Sequence[tuple[str, Mapping[str, int]]], passed: str, title: str) -> str:
-    """Return horizontal bars of shares as SVG, in parts that fit a sheet of paper; the first has the legend.
-
-    Args:
-        bars: label and counts per category; bars are drawn to the same length.
+        bars: label and counts of each.
         passed: the category drawn first and in its own colour.
         title: read out by screen readers.
+        first_column: what the labels are, such as ``pair``.
     """
     categories = ordered_categories(bars, passed)
     colours = category_colours(categories, passed)
-    parts = range(0, max(len(bars), 1), MOST_BARS)
-    return "".join(_bars(bars[i : i + MOST_BARS], categories, colours, title, legend=i == 0) for i in parts)
-
-
-def _bars(
-    bars: Sequence[tuple[str, Mapping[str, int]]],
-    categories: Sequence[str],
-    colours: Mapping[str, str],
-    title: str,
-    legend: bool,
-) -> str:
-    row_height, left, width = 26, 250, 640
-    drawn, legend_height = _legend(categories, colours, left + width + 60) if legend else ("", 0)
-    height = legend_height + row_height * len(bars) + 4
-    parts = [
-        f'<svg class="bars" viewBox="0 0 {left + width + 60} {height}" role="img" aria-label="{escape(title)}">',
-        drawn,
-    ]
-    for index, (label, counts) in enumerate(bars):
-        y, x, total = legend_height + index * row_height, float(left), sum(counts.values())
-        parts.append(f'<text x="{left - 8}" y="{y + 16}" text-anchor="end">{escape(label)}</text>')
+    drawn = []
+    for label, counts in bars:
+        total, x, segments = sum(counts.values()), float(BarChart.LEFT), []
         for category in categories:
             share = ratio(counts.get(category, 0), total)
+            width = share * BarChart.LENGTH
             if share > 0:
-                parts.append(
-                    f'<rect x="{x:.2f}" y="{y + 2}" width="{share * width:.2f}" height="{row_height - 6}" '
-                    f'fill="{colours[category]}"><title>{escape(label)}: {escape(_spoken(category))} '
-                    f"{counts[category]} of {total} ({percent(share)})</title></rect>"
-                )
-            x += share * width
-        parts.append(f'<text x="{left + width + 8}" y="{y + 16}">{total}</text>')
-    return "\n".join([*parts, "</svg>\n"])
+                segments.append(Segment(category, counts[category], share, x, width, colours[category]))
+            x += width
+        drawn.append(Bar(label, total, segments))
+    return BarChart(title, first_column, categories, _legend(categories, colours), drawn)
 
 
-def _legend(categories: Sequence[str], colours: Mapping[str, str], width: int) -> tuple[str, int]:
-    """Return the legend's SVG and its height; entries wrap at ``width``."""
-    parts, x, y = [], 4, 4
+def _legend(categories: Sequence[str], colours: Mapping[str, str]) -> list[LegendEntry]:
+    entries, x, y = [], 4, 4
     for category in categories:
-        text = _spoken(category)
+        text = spoken(category)
         length = 24 + 7.2 * len(text) + 16  # an estimate for the page's 13 px letters
-        if x + length > width and x > 4:
+        if x + length > BarChart.WIDTH and x > 4:
             x, y = 4, y + 20
-        parts.append(
-            f'<rect x="{x:.0f}" y="{y}" width="12" height="12" fill="{colours[category]}"/>'
-            f'<text x="{x + 17:.0f}" y="{y + 11}">{escape(text)}</text>'
-        )
+        entries.append(LegendEntry(x, y, text, colours[category]))
         x += int(length)
-    return "\n".join(parts), y + 24
+    return entries
 
 
-def ordered_categories(bars: Sequence[tuple[str, Mapping[str, int]]], passed: str) -> list[str]:
+def ordered_categories(bars: Sequence[tuple[str, Counts]], passed: str) -> list[str]:
     """Return all categories of the bars: ``passed`` first, the others sorted by name."""
     others = {category for _, counts in bars for category in counts} - {passed}
     return [passed, *sorted(others)]
@@ -216,64 +228,109 @@ def category_colours(categories: Sequence[str], passed: str) -> dict[str, str]:
     return {passed: PASSED_COLOUR, **colours}
 
 
-def bars_with_table(bars: Sequence[tuple[str, Mapping[str, int]]], passed: str, title: str, first_column: str) -> str:
-    """Return stacked bars and, folded under them, the same counts with their shares."""
-    categories = ordered_categories(bars, passed)
-    rows = []
-    for label, counts in bars:
-        total = sum(counts.values())
-        cells = [f"{counts.get(c, 0)} ({percent(ratio(counts.get(c, 0), total))})" for c in categories]
-        rows.append([label, str(total), *cells])
-    headers = [first_column, "all", *(_spoken(category) for category in categories)]
-    return stacked_bars(bars, passed, title) + numbers(f"{title}: numbers", table(headers, rows))
+@dataclass(frozen=True)
+class Histogram:
+    """How many values are in which bin. Lengths are units of the SVG."""
 
+    LEFT: ClassVar[int] = 60
+    TOP: ClassVar[int] = 12
+    WIDTH: ClassVar[int] = 640
+    HEIGHT: ClassVar[int] = 150
+    COLOUR: ClassVar[str] = PASSED_COLOUR
 
-def spread_table(first_column: str, rows: Sequence[tuple[str, int, Spread, int]]) -> str:
-    """Return how values are distributed: title, number of values, spread and digits of each row."""
-    cells = [
-        [title, str(count)]
-        + [
-            f"{value:.{digits}f}"
-            for value in (own.mean, own.least, own.quartile_1, own.median, own.quartile_3, own.most)
+    title: str
+    axis: str  # what the values are, with their unit
+    counted: str  # what is counted, such as ``pairs``
+    edges: Sequence[float]
+    counts: Sequence[int]
+
+    @cached_property
+    def most(self) -> int:
+        """Count of the highest bar, at least 1."""
+        return max([*self.counts, 1])
+
+    @property
+    def step(self) -> float:
+        """Width of a bin."""
+        return self.WIDTH / len(self.counts)
+
+    @property
+    def bars(self) -> list[tuple[float, float, str, int]]:
+        """Left edge, height, bin and count of every bar."""
+        return [
+            (self.LEFT + i * self.step, self.HEIGHT * count / self.most, self._bin(i), count)
+            for i, count in enumerate(self.counts)
         ]
-        if count
-        else [title, "0", *["–"] * 6]
-        for title, count, own, digits in rows
-    ]
-    return table([first_column, "values", "mean", "least", "quartile 1", "median", "quartile 3", "most"], cells)
+
+    @property
+    def ticks(self) -> list[tuple[float, str]]:
+        """Places and numbers under the axis."""
+        count = len(self.counts)
+        shown = sorted({0, count // 4, count // 2, 3 * count // 4, count})
+        return [(self.LEFT + i * self.step, f"{self.edges[i]:g}") for i in shown]
+
+    @property
+    def numbers(self) -> Table:
+        """The counts as a table."""
+        return Table([self.axis, self.counted], [[self._bin(i), str(count)] for i, count in enumerate(self.counts)])
+
+    def _bin(self, index: int) -> str:
+        return f"{self.edges[index]:g} to {self.edges[index + 1]:g}"
 
 
-def histogram(values: Sequence[float], edges: Sequence[float], title: str, axis: str, counted: str) -> str:
-    """Return a histogram as SVG and, folded under it, its numbers.
+def histogram(values: Sequence[float], edges: Sequence[float], title: str, axis: str, counted: str) -> Histogram:
+    """Return the histogram of some values; see :class:`Histogram`.
 
     Args:
         edges: of the bins, rising; a bin holds its lower edge, the last one its upper edge too. Values beyond the last
             edge are counted in the last bin, values below the first in the first.
-        axis: what the values are, with their unit.
-        counted: what is counted, such as ``pairs``.
     """
     counts, _ = np.histogram(np.clip(np.asarray(values, np.float64), edges[0], edges[-1]), edges)
-    left, top, width, height = 60, 12, 640, 150
-    most, bar = max(int(counts.max()), 1), width / len(counts)
-    parts = [
-        f'<svg class="bars histogram" viewBox="0 0 {left + width + 20} {top + height + 44}" role="img" '
-        f'aria-label="{escape(title)}">',
-        f'<text x="{left - 8}" y="{top + 10}" text-anchor="end">{most}</text>',
-        f'<text x="{left - 8}" y="{top + height}" text-anchor="end">0</text>',
-        f'<line x1="{left}" x2="{left + width}" y1="{top + height}" y2="{top + height}" stroke="#999"/>',
-    ]
-    rows = []
-    for index, count in enumerate(counts.tolist()):
-        low, high = f"{edges[index]:g}", f"{edges[index + 1]:g}"
-        tall = height * count / most
-        parts.append(
-            f'<rect x="{left + index * bar + 1:.2f}" y="{top + height - tall:.2f}" width="{bar - 2:.2f}" '
-            f'height="{tall:.2f}" fill="{PASSED_COLOUR}"><title>{low} to {high}: {count}</title></rect>'
-        )
-        rows.append([f"{low} to {high}", str(count)])
-    for index in sorted({0, len(counts) // 4, len(counts) // 2, 3 * len(counts) // 4, len(counts)}):
-        x = left + index * bar
-        parts.append(f'<text x="{x:.1f}" y="{top + height + 17}" text-anchor="middle">{edges[index]:g}</text>')
-    parts.append(f'<text x="{left + width / 2}" y="{top + height + 36}" text-anchor="middle">{escape(axis)}</text>')
-    parts.append("</svg>\n")
-    return "\n".join(parts) + numbers(f"{title}: numbers", table([axis, counted], rows))
+    return Histogram(title, axis, counted, edges, counts.tolist())
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One line of a diagram."""
+
+    name: str
+    colour: str
+    points: Sequence[tuple[float, float]]  # in units of the SVG
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Lines over a common axis, both axes beginning at 0. Lengths are units of the SVG."""
+
+    LEFT: ClassVar[int] = 60
+    TOP: ClassVar[int] = 30
+    WIDTH: ClassVar[int] = 640
+    HEIGHT: ClassVar[int] = 220
+
+    title: str
+    axis: str  # what the last number of the horizontal axis counts
+    last: float  # that number
+    levels: Sequence[tuple[float, float]]  # horizontal lines: place and value
+    curves: Sequence[Curve]
+    numbers: Table
+
+
+def curves(x: Sequence[float], lines: Mapping[str, Sequence[float]], title: str, axis: str) -> Curves:
+    """Return curves over ``x``, and their numbers.
+
+    Args:
+        x: no negative ones, of all lines.
+        lines: values by name, none negative.
+        axis: what ``x`` counts, such as ``steps``.
+    """
+    last, most = max(x), max(value for values in lines.values() for value in values)
+    drawn = []
+    for index, (name, values) in enumerate(lines.items()):
+        points = [
+            (Curves.LEFT + Curves.WIDTH * a / last, Curves.TOP + Curves.HEIGHT * (1 - b / most))
+            for a, b in zip(x, values, strict=True)
+        ]
+        drawn.append(Curve(name, CATEGORY_COLOURS[(4, 0, 2)[index]], points))
+    levels = [(Curves.TOP + Curves.HEIGHT * (1 - share), most * share) for share in (0.0, 0.5, 1.0)]
+    rows = [[f"{a:g}", *(f"{b:.5g}" for b in own)] for a, *own in zip(x, *lines.values(), strict=True)]
+    return Curves(title, axis, last, levels, drawn, Table([axis.removesuffix("s"), *lines], rows))

@@ -1,6 +1,6 @@
 """Published comparisons: small tables that a script of ``benchmarks/`` made once, kept in git and shown in the report.
 
-A file begins with lines `# name: value` that say how it was made, then the table as CSV; without rows, nothing has been
+A file begins with lines `# name: value` on how it was made, then the table as CSV; without rows, nothing has been
 published. They are no results of the run that the report shows.
 """
 
@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 
 import pandas as pd
 
 from pipeline.records.errors import UserError
 from pipeline.records.writing import whole_file
-from pipeline.report.charts import percent, table
+from pipeline.report.charts import Table
+from pipeline.report.wording import UNKNOWN, percent
 
 OBJECTIVES_FILE = Path("reports/learned_objectives.csv")
 ABLATION_FILE = Path("reports/learned_ablation.csv")
@@ -91,29 +91,17 @@ def read_comparison(source: Path, columns: Mapping[str, tuple[str, str]]) -> Com
     return Comparison({name: value for name, _, value in heads}, records)
 
 
-def comparison_part(
-    title: str, comparison: Comparison | None, columns: Mapping[str, tuple[str, str]], script: str, words: str
-) -> str:
-    """Return one comparison as HTML: what it is, how it was made, the table."""
+def comparison_table(comparison: Comparison | None, columns: Mapping[str, tuple[str, str]]) -> Table | None:
+    """Return the published rows as the page shows them; None where there are none."""
     if comparison is None or not comparison.rows:
-        return (
-            f"<h4>{escape(title)}</h4>\n<p>Nothing is published here yet: <code>python {escape(script)}</code> makes "
-            "this table.</p>\n"
-        )
-    facts = "".join(
-        f"<br>{escape(name)}: {f'<code>{escape(value)}</code>' if name == 'command' else escape(value)}"
-        for name, value in comparison.facts.items()
-    )
+        return None
     rows = [[_cell(row[name], kind) for name, (_, kind) in columns.items()] for row in comparison.rows]
-    return (
-        f"<h4>{escape(title)}</h4>\n<p>{escape(words)}{facts}</p>\n"
-        f"{table([header for header, _ in columns.values()], rows)}"
-    )
+    return Table([header for header, _ in columns.values()], rows)
 
 
 def _cell(value: str | float, kind: str) -> str:
     if isinstance(value, str):
         return value
     if value != value:
-        return "–"
+        return UNKNOWN
     return percent(value) if kind == "share" else f"{value:.3g}"

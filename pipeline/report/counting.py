@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pipeline.compute.fan_out import fan_out
 from pipeline.records import paths
 from pipeline.records.parameters.objects import StylesParameters
+from pipeline.records.sources import SOURCES
 from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED, read_columns
 from pipeline.report.rates import (
     MOST_PAIRS,
@@ -27,8 +28,8 @@ from pipeline.report.rates import (
 )
 
 STYLES = ("pinch", "side")
-SYNTHESIZED, LEARNED = paths.SOURCES
-FATES = ("object1", "grasp0_id", "grasp1_id", "gravity_drift", "rejected_by")
+SYNTHESIZED, LEARNED = paths.SYNTHESIZED, paths.LEARNED
+GRASP_COLUMNS = ("object1", "grasp0_id", "grasp1_id", "gravity_drift", "rejected_by")
 
 
 @dataclass(frozen=True)
@@ -85,12 +86,12 @@ class Counts:
 
     @property
     def merges(self) -> list[PairMerge]:
-        """Fates of combinations of synthesized grasps, per pair."""
+        """Outcomes of combinations of synthesized grasps, per pair."""
         return [pair.grasps for pair in self.synthesized]
 
     @property
     def samples(self) -> list[PairMerge]:
-        """Fates of samples of the model, per pair."""
+        """Outcomes of samples of the model, per pair."""
         return [pair.grasps for pair in self.pairs if pair.source == LEARNED]
 
     @property
@@ -122,7 +123,7 @@ def count_all(
     return Counts(
         singles=singles,
         funnels=fan_out(count_single, singles, workers, "tables of single grasps"),
-        sources=(*paths.SOURCES, *([paths.RECONSTRUCTED] if reconstructed else [])),
+        sources=tuple(name for name, source in SOURCES.items() if source.of_all_pairs or reconstructed),
         pairs=[pair for own in pairs for pair in own],
     )
 
@@ -134,15 +135,13 @@ def firsts_of(partners: Mapping[str, Sequence[str]], reconstructed: Mapping[str,
         partners: per first object, the objects that are picked after it.
         reconstructed: the same for the pairs of reconstructed objects.
     """
-    pairs = [*((source, partners) for source in paths.SOURCES), (paths.RECONSTRUCTED, reconstructed)]
+    pairs = [(name, partners if source.of_all_pairs else reconstructed) for name, source in SOURCES.items()]
     return [First(source, first, tuple(seconds)) for source, own in pairs for first, seconds in own.items()]
 
 
 def grasps_of(source: str, first: str) -> tuple[Path, pa.Schema, str]:
     """Return the table of a source's two-object grasps that begin with ``first``: file, columns, stage."""
-    if source == SYNTHESIZED:
-        return paths.merged_file(first), MERGED, "merge"
-    return paths.sampled_file(source, first), MERGED, f"sample@{source}"
+    return SOURCES[source].table(first), MERGED, SOURCES[source].stage
 
 
 def trials_of(source: str, first: str) -> tuple[Path, pa.Schema, str]:
@@ -170,14 +169,14 @@ def count_first(item: First) -> list[PairCounts]:
     Raises:
         UserError: a table is missing or damaged.
     """
-    grasps = read_columns(*grasps_of(item.source, item.first), FATES)
+    grasps = read_columns(*grasps_of(item.source, item.first), GRASP_COLUMNS)
     trials = read_columns(*trials_of(item.source, item.first), OUTCOMES)
     return [pair_counts(item.source, item.first, second, grasps, trials) for second in item.seconds]
 
 
 def pair_counts(source: str, first: str, second: str, grasps: Columns, trials: Columns) -> PairCounts:
     """Count one pair; both tables may hold other pairs with the same first object too."""
-    own = [row for row in zip(*(grasps[name] for name in FATES), strict=True) if row[0] == second]
+    own = [row for row in zip(*(grasps[name] for name in GRASP_COLUMNS), strict=True) if row[0] == second]
     accepted = [row for row in own if row[-1] == ""]
     return PairCounts(
         source=source,

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
-import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pyarrow as pa
 
-from pipeline.report.diversity import SECTORS, PairDiversity, UsedGrasps
+from pipeline.records.parameters import Parameters
+from pipeline.records.tables import MERGED
+from pipeline.report.counting import Counts
+from pipeline.report.diversity import SECTORS, PairDiversity, UsedGrasps, diversity, read_validated
+from pipeline.report.markdown import table, text_table, wrapped
 from pipeline.report.meanings import MERGE, VALIDATION, meaning_of
-from pipeline.report.objects import ObjectFacts
+from pipeline.report.objects import ObjectFacts, read_facts
+from pipeline.report.pairs_table import uses
 from pipeline.report.rates import MOST_PAIRS, Funnel, PairMerge, Spread, ratio, spread, summed
-from pipeline.report.settings import Row
+from pipeline.report.settings import Row, all_settings
+from pipeline.stages.versions import installed_versions
 
-WIDTH = 118  # of prose
 # The sections of params.yaml on which data/merge depends.
 DATA_SECTIONS = ("run", "styles", "objects", "meshes", "prepare", "synthesize", "physics", "validate", "merge")
 
@@ -34,7 +37,7 @@ q = np.stack(grasps["q"])  # (grasps, 16) rad; poses: position_hand_object0, qua
 
 @dataclass(frozen=True)
 class CardContent:
-    """Everything that the card says."""
+    """Everything that the card contains."""
 
     scale: str
     seed: int
@@ -50,6 +53,31 @@ class CardContent:
     settings: Mapping[str, Sequence[Row]]  # per section
 
 
+def card_content(parameters: Parameters, counts: Counts) -> CardContent:
+    """Read what the data card contains besides counts, and return all of it.
+
+    Raises:
+        UserError: a file is missing or damaged.
+    """
+    few = len(counts.merges) <= MOST_PAIRS
+    used, pairs = diversity(counts.synthesized, read_validated(counts.singles)) if few else ([], [])
+    names = sorted({name for one in counts.merges for name in (one.first, one.second)})
+    return CardContent(
+        scale=parameters.scale,
+        seed=parameters.seed,
+        funnels=counts.funnels,
+        merges=counts.merges,
+        used=used,
+        diversity=pairs,
+        uses=[uses(one) for one in counts.synthesized],
+        distinct_distance=parameters.merge.distinct_distance,
+        objects=[read_facts(name) for name in names],
+        columns=MERGED,
+        versions=installed_versions(),
+        settings=all_settings(parameters),
+    )
+
+
 def dataset_card(content: CardContent) -> str:
     """Return the card as Markdown."""
     parts = [
@@ -61,32 +89,7 @@ def dataset_card(content: CardContent) -> str:
         _columns(content.columns),
         _provenance(content),
     ]
-    return "\n\n".join(_wrapped(part).strip() for part in parts) + "\n"
-
-
-def _wrapped(markdown: str) -> str:
-    """Break the lines of prose anew; headings, tables and code stay."""
-    blocks = re.split(r"(```.*?```)", markdown, flags=re.DOTALL)
-    for index in range(0, len(blocks), 2):
-        paragraphs = blocks[index].split("\n\n")
-        wrapped = [text if text.lstrip().startswith(("|", "#")) else _filled(text) for text in paragraphs]
-        blocks[index] = "\n\n".join(wrapped)
-    return "".join(blocks)
-
-
-def _filled(text: str) -> str:
-    end = "\n" if text.endswith("\n") else ""
-    begin = "\n" if text.startswith("\n") else ""
-    return begin + textwrap.fill(" ".join(text.split()), WIDTH, break_long_words=False, break_on_hyphens=False) + end
-
-
-def _table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
-    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
-
-
-def _text_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    return _table(header, rows).replace("---:", "---")
+    return "\n\n".join(wrapped(part).strip() for part in parts) + "\n"
 
 
 def _percent(share: float) -> str:
@@ -119,7 +122,7 @@ def _grid(merges: Sequence[PairMerge], cell: Mapping[tuple[str, str], str]) -> s
     firsts = list(dict.fromkeys(merge.first for merge in merges))
     seconds = list(dict.fromkeys(merge.second for merge in merges))
     rows = [[first, *(cell.get((first, second), "") for second in seconds)] for first in firsts]
-    return _table(["first \\ second", *seconds], rows)
+    return table(["first \\ second", *seconds], rows)
 
 
 def _spreads(first_column: str, rows: Iterable[tuple[str, Spread, int]]) -> str:
@@ -129,7 +132,7 @@ def _spreads(first_column: str, rows: Iterable[tuple[str, Spread, int]]) -> str:
         [title, *(f"{value:.{digits}f}" for value in (s.mean, s.least, s.quartile_1, s.median, s.quartile_3, s.most))]
         for title, s, digits in rows
     ]
-    return _table(header, cells)
+    return table(header, cells)
 
 
 def _counts(merges: Sequence[PairMerge]) -> str:
@@ -186,7 +189,7 @@ the object's compass in which the hand is found. *Elevation*: of the straight li
 horizontal, 10th, 50th and 90th percentile. *Joint spread*: standard deviation over the grasps, mean over the joints
 of the holding fingers.
 
-{_table(header, rows)}
+{table(header, rows)}
 """
 
 
@@ -225,7 +228,7 @@ def _checks(funnels: Sequence[Funnel], merges: Sequence[PairMerge]) -> str:
 def _shares(rejected: Mapping[str, int], whole: int, meanings: Mapping[str, str]) -> str:
     ordered = sorted(rejected.items(), key=lambda item: (-item[1], item[0]))
     rows = [[f"`{check}`", _percent(ratio(number, whole)), meaning_of(check, meanings)] for check, number in ordered]
-    return _text_table(["rejected by", "share", "meaning"], rows)
+    return text_table(["rejected by", "share", "meaning"], rows)
 
 
 def _diversity(content: CardContent) -> str:
@@ -253,7 +256,7 @@ merged grasps of the pair: the larger one of the distances of their halves. *Mos
 share one single grasp. *Headings*: sectors of 30 degrees, out of {SECTORS}, in which the hand is seen from the
 first and from the second object.
 
-{_table(header, rows)}
+{table(header, rows)}
 """
 
 
@@ -280,7 +283,7 @@ of an object has its origin at the centre of mass and z up when the object stand
 radians. Columns of checks that were not reached are empty. The same descriptions are in the files:
 `pyarrow.parquet.read_schema(file).field(name).metadata`.
 
-{_text_table(["column", "type", "meaning"], rows)}
+{text_table(["column", "type", "meaning"], rows)}
 """
 
 
@@ -292,7 +295,7 @@ def type_name(kind: pa.DataType) -> str:
 
 
 def description_of(field: pa.Field) -> str:
-    """Return what the schema says about a column, '' if nothing."""
+    """Return the description of a column, '' if nothing."""
     return (field.metadata or {}).get(b"description", b"").decode()
 
 
@@ -313,7 +316,7 @@ def _each_object(objects: Sequence[ObjectFacts]) -> str:
         ]
         for one in objects
     ]
-    return _text_table(["object", "source", "licence", "size (mm)", "mass (g)"], rows)
+    return text_table(["object", "source", "licence", "size (mm)", "mass (g)"], rows)
 
 
 def _by_licence(objects: Sequence[ObjectFacts]) -> str:
@@ -325,8 +328,8 @@ def _by_licence(objects: Sequence[ObjectFacts]) -> str:
         rows.append(
             [licence, len(own), f"{min(longest):.1f} to {max(longest):.1f}", f"{min(masses):.1f} to {max(masses):.1f}"]
         )
-    table = _text_table(["licence", "objects", "longest extent (mm)", "mass (g)"], rows)
-    return f"{table}\n\nThe source of each object is in `data/prepare/<object>/object.json`."
+    rows_by_licence = text_table(["licence", "objects", "longest extent (mm)", "mass (g)"], rows)
+    return f"{rows_by_licence}\n\nThe source of each object is in `data/prepare/<object>/object.json`."
 
 
 def _provenance(content: CardContent) -> str:
@@ -345,7 +348,7 @@ the YCB object and model set is passed on under CC BY 4.0 with the credit in [NO
 the authors and licences of the descriptions of the hand (BSD 2-Clause) and the arm (Apache 2.0). Meshes of your own
 keep their own licence.
 
-What the grasps cannot tell: contacts are those of rigid bodies with one coefficient of friction, objects have
-uniform density, and nothing here was tried on hardware. How often a robot in simulation lifts both objects with
-them stands in `reports/summary.json` ([what the figures mean](../docs/metrics.md)).
+Limits: contacts are those of rigid bodies with one coefficient of friction, objects have
+uniform density, and nothing here was tried on hardware. How often a robot in
+simulation lifts both objects with them is in `reports/summary.json` ([what the figures mean](../docs/metrics.md)).
 """

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pipeline.compute.fan_out import fan_out
 from pipeline.pictures.camera import framing
+from pipeline.pictures.colours import OBJECT_COLOURS, hexadecimal
 from pipeline.pictures.decimation import Mesh, decimated
 from pipeline.pictures.render import Body, corner_normals, render
 from pipeline.pictures.robot import hand_bodies
@@ -27,21 +28,19 @@ from pipeline.report.counting import SYNTHESIZED, grasps_of, trials_of
 from pipeline.report.embedding import FoldedTable
 from pipeline.report.figure_files import contact_sheet
 from pipeline.report.objects import read_mesh
-from pipeline.report.page import SOURCE_TITLES, PairView, Strip
+from pipeline.report.pair_views import PairView, Strip
 from pipeline.report.scene import (
     GRASPS_PER_PAIR,
     MOST_FACES,
     MOST_LINK_FACES,
-    OBJECT_COLOURS,
-    fractions,
     grasp_record,
     grasp_row,
-    hexadecimal,
     object_pose,
     shape_record,
     shown_grasps,
 )
 from pipeline.report.trial_rows import replay_command, trials_table
+from pipeline.report.wording import SOURCE_TITLES
 
 GRASP_AZIMUTH, GRASP_ELEVATION = 29.0, 13.0  # degrees; as the first view in ``viewer.js``
 # Of pictures in the page, which all ride in one file: twice the width at which a strip shows them. The files under
@@ -65,12 +64,12 @@ class Look:
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be drawn and told of one pair."""
+    """What is to be drawn and listed of one pair."""
 
     first: str
     second: str
     strips: tuple[tuple[str, bool], ...]  # source, and whether a trial that failed is wanted
-    told: tuple[str, ...]  # sources whose trials are listed
+    listed: tuple[str, ...]  # sources whose trials are listed
     look: Look
     evaluate: EvaluateParameters
 
@@ -120,9 +119,9 @@ def draw_pairs(requests: Sequence[Request], workers: int) -> list[Drawn]:
 
 def read_and_draw(request: Request) -> Drawn:
     """Read what a request needs and draw it; a run of many pairs does not fit into memory at once."""
-    told = dict.fromkeys([*request.told, *(source for source, _ in request.strips)])
-    merged = read_table(*grasps_of(SYNTHESIZED, request.first)) if SYNTHESIZED in request.told else pd.DataFrame()
-    trials = {source: read_table(*trials_of(source, request.first)) for source in told}
+    sources = dict.fromkeys([*request.listed, *(source for source, _ in request.strips)])
+    merged = read_table(*grasps_of(SYNTHESIZED, request.first)) if SYNTHESIZED in request.listed else pd.DataFrame()
+    trials = {source: read_table(*trials_of(source, request.first)) for source in sources}
     return draw_pair(PairTask(request, (read_mesh(request.first), read_mesh(request.second)), merged, trials))
 
 
@@ -148,7 +147,7 @@ def draw_pair(task: PairTask) -> Drawn:
         strips=[trial_strip(row, bodies, request.look, request.evaluate) for row in shown],
     )
     records = {f"object/{name}": shape_record(shape) for name, shape in zip(pair, shapes, strict=False) if grasps}
-    return Drawn(view, records, {source: trials_table(source, *pair, task.trials[source]) for source in request.told})
+    return Drawn(view, records, {source: trials_table(source, *pair, task.trials[source]) for source in request.listed})
 
 
 def opening_view(drawn: Iterable[Drawn]) -> PairView | None:
@@ -187,8 +186,7 @@ def _placed_links(q: NDArray[np.float64]) -> list[tuple[str, NDArray[np.float64]
 def _bodies(meshes: Sequence[Mesh]) -> list[Body]:
     """Return both objects of a pair in their own frames."""
     return [
-        Body(*mesh, fractions(colour), normals=corner_normals(*mesh))
-        for mesh, colour in zip(meshes, OBJECT_COLOURS, strict=True)
+        Body(*mesh, colour, normals=corner_normals(*mesh)) for mesh, colour in zip(meshes, OBJECT_COLOURS, strict=False)
     ]
 
 

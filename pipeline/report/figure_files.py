@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.report.charts import MOST_CELLS, PASSED_COLOUR, ink_on, percent, scale_colour
+from pipeline.report.charts import MOST_CELLS, PASSED_COLOUR, ink_on, scale_colour
 from pipeline.report.rates import PairTrials
+from pipeline.report.wording import percent, spoken
 
 MOST_COLUMNS = 6  # pictures in one row of a strip
 
@@ -61,8 +62,8 @@ def heat_map_picture(pairs: Sequence[PairTrials]) -> bytes:
         axes.text(column + 0.5, row + 0.42, percent(pair.success_rate).replace("\u202f", " "), fontsize=12, **style)
         axes.text(column + 0.5, row + 0.72, f"{pair.successes} of {pair.trials}", fontsize=8, **style)
     axes.set(xlim=(0, len(seconds)), ylim=(len(firsts), 0))
-    axes.set_xticks([i + 0.5 for i in range(len(seconds))], [name.replace("_", " ") for name in seconds])
-    axes.set_yticks([i + 0.5 for i in range(len(firsts))], [name.replace("_", " ") for name in firsts])
+    axes.set_xticks([i + 0.5 for i in range(len(seconds))], map(spoken, seconds))
+    axes.set_yticks([i + 0.5 for i in range(len(firsts))], map(spoken, firsts))
     axes.set_xlabel("picked up second")
     axes.set_ylabel("picked up first")
     axes.xaxis.set_label_position("top")

@@ -4,25 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
 
 import pandas as pd
+from markupsafe import Markup
 
 from pipeline.records import paths
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.harder import HarderParameters, HarderSetting
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.tables import TRIALS, read_table
-from pipeline.report import meanings
-from pipeline.report.charts import Cell, Link, bars_with_table, percent, table
+from pipeline.report.charts import Cell, Link, Table, explanations, stacked_bars
 from pipeline.report.counting import trials_of
+from pipeline.report.meanings import TRIALS as REASONS
 from pipeline.report.rates import MOST_PAIRS, PairTrials, mean, pair_trials, ratio, summed
+from pipeline.report.rendering import render
 from pipeline.report.settings import described
-from pipeline.report.trial_rows import trials_key
+from pipeline.report.wording import HARDER, SUCCESS, pair_title, percent, trials_key
 
 IDENTITY = ["object0", "object1", "trial"]
-SUCCESS = "success"
-PREFIX = "harder-"  # of a setting's name where it stands beside sources of grasps
 
 
 @dataclass(frozen=True)
@@ -143,10 +142,6 @@ def harder_summary(found: Sequence[Harder]) -> dict[str, float | int]:
     return values
 
 
-def _spoken(name: str) -> str:
-    return name.replace("_", " ")
-
-
 Column = tuple[str, str, Sequence[PairTrials]]  # title, source of its trials as in their ids, counts
 
 
@@ -156,14 +151,14 @@ def _columns(found: Sequence[Harder]) -> list[Column]:
     for source in dict.fromkeys(one.source for one in found):
         own = [one for one in found if one.source == source]
         columns.append((f"standard, {source} grasps", source, own[0].standard))
-        columns += [(f"{one.name}, {source} grasps", PREFIX + one.name, one.pairs) for one in own]
+        columns += [(f"{one.name}, {source} grasps", HARDER + one.name, one.pairs) for one in own]
     return columns
 
 
-def _rates_table(found: Sequence[Harder], released_rule: bool) -> str:
+def _rates_table(found: Sequence[Harder], released_rule: bool) -> Table:
     """Return success per pair and column, each a link to the trials; by the released code's rule or by the paper's.
 
-    Past ``MOST_PAIRS`` pairs, only the means are told.
+    Past ``MOST_PAIRS`` pairs, only the means are listed.
     """
     columns = _columns(found)
     rows: list[list[Cell]] = []
@@ -174,51 +169,48 @@ def _rates_table(found: Sequence[Harder], released_rule: bool) -> str:
             count = own.successes_10cm if released_rule else own.successes
             text = f"{percent(ratio(count, own.trials))} ({count} of {own.trials})"
             cells.append(Link(text, trials_key(source, pair.first, pair.second)))
-        rows.append([f"{_spoken(pair.first)} + {_spoken(pair.second)}", *cells])
+        rows.append([pair_title(pair.first, pair.second), *cells])
     means = [
         percent(mean([pair.success_rate_10cm if released_rule else pair.success_rate for pair in pairs]))
         for _, _, pairs in columns
     ]
-    return table(["pair", *(title for title, _, _ in columns)], [*rows, ["mean over pairs", *means]])
+    return Table(["pair", *(title for title, _, _ in columns)], [*rows, ["mean over pairs", *means]])
 
 
-def harder_section(found: Sequence[Harder], criterion: str, hand_torque_limit: float) -> str:
+def _trial_by_trial(found: Sequence[Harder], criterion: str) -> Table:
+    rows = [
+        [one.name, str(one.trials), percent(mean([pair.success_rate for pair in one.pairs]))]
+        + [percent(min(pair.success_rate for pair in one.pairs))]
+        + [percent(mean([pair.success_rate_10cm for pair in one.pairs]))]
+        + [f"{count} ({percent(ratio(count, one.trials))})" for count in (one.lost, one.gained)]
+        for one in found
+    ]
+    headers = ["setting", "trials", f"mean success ({criterion})", "worst pair", "mean success (10 cm)"]
+    return Table([*headers, "lost", "gained"], rows)
+
+
+def harder_section(found: Sequence[Harder], criterion: str, hand_torque_limit: float) -> Markup:
     """Return what each setting changes, and success by both rules, losses and reasons beside the standard trials.
 
     Args:
         criterion: the paper's rule in short, such as ``20 cm, 2 s``.
         hand_torque_limit: of the standard trials, N m.
     """
-    columns = _columns(found)
     changed = [
         [one.name, change.name, change.standard, change.here, change.meaning] for one in found for change in one.changes
     ]
-    sums = [
-        [one.name, str(one.trials), percent(mean([pair.success_rate for pair in one.pairs]))]
-        + [percent(min(pair.success_rate for pair in one.pairs))]
-        + [percent(mean([pair.success_rate_10cm for pair in one.pairs]))]
-        + [f"{one.lost} ({percent(ratio(one.lost, one.trials))})"]
-        + [f"{one.gained} ({percent(ratio(one.gained, one.trials))})"]
-        for one in found
-    ]
-    headers = ["setting", "trials", f"mean success ({criterion})", "worst pair", "mean success (10 cm)"]
-    headers += ["lost", "gained"]
     bars = [
-        (title, {SUCCESS: sum(pair.successes for pair in pairs), **reasons_of(pairs)}) for title, _, pairs in columns
+        (title, {SUCCESS: sum(pair.successes for pair in pairs), **reasons_of(pairs)})
+        for title, _, pairs in _columns(found)
     ]
-    return (
-        "<p>The first trials of some pairs once more, in settings that differ from the standard one in a few values. "
-        "Grasps, seeds and order are the same and nothing is made for the setting: a grasp was synthesized, validated "
-        "and merged as for the standard trials. Placements are drawn from the same random numbers. Frictions are "
-        "those of the materials: where two touch, physics takes their mean. In the standard trials no joint of the "
-        f"hand gives more than {hand_torque_limit:g} N m. <code>docs/harder.md</code> says why these values.</p>\n"
-        f"{table(['setting', 'parameter', 'standard', 'here', 'meaning'], changed)}"
-        f"<h3>Success: both objects up, {escape(criterion)}</h3>\n{_rates_table(found, False)}"
-        "<h3>Success by the released code’s rule: more than 10 cm at the end of the lift</h3>\n"
-        f"{_rates_table(found, True)}"
-        "<h3>Trial by trial</h3>\n<p>Lost: the standard trial of the same number succeeded, this one did not. Gained: "
-        f"the other way round.</p>\n{table(headers, sums)}"
-        "<h3>Why trials failed</h3>\n"
-        + bars_with_table(bars, SUCCESS, "Outcomes of trials per setting", "setting")
-        + meanings.explained((reason for _, _, pairs in columns for reason in reasons_of(pairs)), meanings.TRIALS)
+    return render(
+        "harder.html",
+        hand_torque_limit=f"{hand_torque_limit:g}",
+        criterion=criterion,
+        changes=Table(["setting", "parameter", "standard", "here", "meaning"], changed),
+        success=_rates_table(found, released_rule=False),
+        success_10cm=_rates_table(found, released_rule=True),
+        compared=_trial_by_trial(found, criterion),
+        outcomes=stacked_bars(bars, SUCCESS, "Outcomes of trials per setting", "setting"),
+        reasons=explanations((reason for _, counts in bars for reason in counts if reason != SUCCESS), REASONS),
     )

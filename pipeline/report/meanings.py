@@ -5,28 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from html import escape
 
-GRAVITY = "gravity:"  # how checks of one gravity direction begin
+from pipeline.records.reasons import Reason
+from pipeline.records.synthesis_reasons import SynthesisReason
+from pipeline.records.validation_reasons import ValidationReason
 
-SYNTHESIS = {
-    "joints": "a joint is beyond its limits",
-    "distance": "contact points are not on the object's surface",
-    "force_closure": "contact forces do not balance: the object would turn or slide",
-    "penetration": "the hand overlaps the object",
-    "table": "the hand is too low over the plane that the object stands on",
-    "self_penetration": "the fingers overlap each other",
-    "duplicate": "nearly the same as a better grasp of the same object",
-}
-VALIDATION = {
-    GRAVITY: "under gravity in this direction of the object's frame no assigned link presses at the end, or the object "
-    "moved or turned too far in the hand",
-    "approach": "no straight line leads the open hand to the grasp without touching the object or its support",
-    "table:push": "the object was pushed away before the fingers closed",
-    "table:touch": "the hand pressed on the support",
-    "table:drop": "the object was not held when the support was taken away",
-    "table:drift": "the object moved or turned too far in the hand when the support was taken away",
-    "settling": "a pinched object slid too far when the fingers closed gently, without gravity",
-    "not_tested": "left out, as enough candidates of this object were tested",
-}
+
+def meanings_of(reasons: type[Reason]) -> dict[str, str]:
+    """Return the meaning of every reason by its value, in the order of the checks."""
+    return {reason.value: reason.meaning for reason in reasons}
+
+
+SYNTHESIS = meanings_of(SynthesisReason)
+VALIDATION = meanings_of(ValidationReason)
 MERGE = {
     "fingers": "both grasps need the same finger",
     "settling": "the first object moves too far when the fingers squeeze it",
@@ -53,9 +43,9 @@ TRIALS = {
 }
 
 
-def meaning_of(check: str, meanings: Mapping[str, str]) -> str:
-    """Return the line on ``check``, '' if there is none; checks of single gravity directions share one."""
-    return meanings.get(GRAVITY if check.startswith(GRAVITY) else check, "")
+def meaning_of(reason: str, meanings: Mapping[str, str]) -> str:
+    """Return the line on a reason, '' if there is none; what stands after a colon may be a detail, as a direction."""
+    return meanings.get(reason) or meanings.get(reason.partition(":")[0], "")
 
 
 def explained(checks: Iterable[str], meanings: Mapping[str, str]) -> str:

@@ -1,4 +1,4 @@
-"""Published figures of SeqMultiGrasp (IROS 2025), beside which ours stand; of its heat map no more is known."""
+"""Published figures of SeqMultiGrasp (IROS 2025), to compare ours with; no more is known of its heat map."""
 
 from __future__ import annotations
 

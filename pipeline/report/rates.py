@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-# Up to so many pairs each stands in the page, in the summary and in the data card by itself; past it all are told by
-# what they have in common (`Spread`), and reports/pairs.parquet has a row for each.
+# Up to so many pairs, page, summary and data card have a row for each; past it they give distributions (`Spread`) over
+# all pairs, and reports/pairs.parquet has a row for each.
 MOST_PAIRS = 64
 OUTCOMES = ("object0", "object1", "merged_id", "success", "success_10cm", "reason", "planning_attempts")  # of trials
 PLANNING_FAILURE = "plan "  # how reasons of trials begin that ended because no motion was found
@@ -162,24 +162,25 @@ def single_grasp_funnel(style: str, object_name: str, candidates: Columns, valid
     rows = zip(validated["grasp_id"], validated["rejected_by"], validated["contact_only_pass"], strict=True)
     tested = [(check, contact) for grasp, check, contact in rows if grasp in passed]
     decided = [bool(contact) for _, contact in tested if contact is not None and contact == contact]
-    fates = [check for check, _ in tested]
+    outcomes = [check for check, _ in tested]
     return Funnel(
         style=style,
         object_name=object_name,
         optimised=len(chains),
         passed=len(passed),
-        validated=fates.count(""),
+        validated=outcomes.count(""),
         contact_only_tested=len(decided),
         contact_only_passed=sum(decided),
         synthesize_rejected=count_rejections(chains),
-        validate_rejected=count_rejections(fates),
+        validate_rejected=count_rejections(outcomes),
     )
 
 
 def pair_merge(first: str, second: str, rejected_by: Iterable[str]) -> PairMerge:
-    """Count the fates of one pair's combinations, by the first check that each failed."""
-    fates = list(rejected_by)
-    return PairMerge(first, second, tried=len(fates), accepted=fates.count(""), rejected=count_rejections(fates))
+    """Count one pair's combinations, by the first check that each failed."""
+    outcomes = list(rejected_by)
+    accepted, rejected = outcomes.count(""), count_rejections(outcomes)
+    return PairMerge(first, second, tried=len(outcomes), accepted=accepted, rejected=rejected)
 
 
 def pair_trials(first: str, second: str, trials: Columns) -> PairTrials:

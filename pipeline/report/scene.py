@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pipeline.pictures.colours import OBJECT_COLOURS_HTML
 from pipeline.pictures.decimation import Mesh
 from pipeline.records.poses import pose_matrix
 from pipeline.report.trial_rows import scaled
@@ -17,7 +18,6 @@ UNIT = 1e-4  # m; vertices are stored as whole multiples of it
 MOST_FACES = 1200  # of an object
 MOST_LINK_FACES = 350
 GRASPS_PER_PAIR = 6
-OBJECT_COLOURS = ("#e08a2e", "#3c78b4")  # first object, second object
 
 
 def shape_record(mesh: Mesh) -> dict[str, list[int]]:
@@ -83,7 +83,7 @@ def grasp_record(grasp: Mapping[str, Any], links: Sequence[tuple[str, NDArray[np
         links: shape, ``T_hand_link`` (4, 4) and colour of every drawn part of the hand.
     """
     bodies = [body_record(shape, T, colour, "hand") for shape, T, colour in links]
-    for index, colour in enumerate(OBJECT_COLOURS):
+    for index, colour in enumerate(OBJECT_COLOURS_HTML[:2]):
         name = grasp[f"object{index}"]
         bodies.append(body_record(f"object/{name}", object_pose(grasp, index), colour, name.replace("_", " ")))
     return {"merged_id": int(grasp["merged_id"]), "bodies": bodies}
@@ -92,13 +92,3 @@ def grasp_record(grasp: Mapping[str, Any], links: Sequence[tuple[str, NDArray[np
 def object_pose(grasp: Mapping[str, Any], index: int) -> NDArray[np.float64]:
     """Return ``T_hand_object`` (4, 4) of the first (0) or second (1) object of a merged grasp."""
     return pose_matrix(grasp[f"position_hand_object{index}"], grasp[f"quaternion_hand_object{index}"])
-
-
-def hexadecimal(colour: Sequence[float] | NDArray[np.float64]) -> str:
-    """Return a colour (sRGB, 0 to 1) in the notation of HTML."""
-    return "#" + "".join(f"{round(255 * channel):02x}" for channel in colour)
-
-
-def fractions(colour: str) -> tuple[float, float, float]:
-    """Return a colour in the notation of HTML as sRGB, 0 to 1."""
-    return int(colour[1:3], 16) / 255, int(colour[3:5], 16) / 255, int(colour[5:7], 16) / 255

@@ -10,8 +10,8 @@ from pipeline.records.parameters.report import ReportParameters
 from pipeline.report.counting import SYNTHESIZED
 from pipeline.report.drawing import Look, Request, full_look, small_look
 from pipeline.report.harder import Harder
-from pipeline.report.many import WorstPair, worst_pairs
 from pipeline.report.rates import MOST_PAIRS, PairTrials
+from pipeline.report.worst import WorstPair, worst_pairs
 
 Pair = tuple[str, str]
 
@@ -21,7 +21,7 @@ class Plan:
     """What is to be drawn."""
 
     shown: list[Request]  # pairs with grasps and strips, in the order of the page
-    told: list[Request]  # other pairs whose trials something on the page leads to
+    listed: list[Request]  # other pairs whose trials something on the page leads to
     opening: Request | None  # the trial on top of the page, where no shown pair may have one
     worst: list[WorstPair] = field(default_factory=list)
 
@@ -32,11 +32,11 @@ def plan(
     settings: ReportParameters,
     evaluate: EvaluateParameters,
 ) -> Plan:
-    """Return which pairs are drawn and told.
+    """Return which pairs are drawn, and whose trials are listed.
 
     Args:
         trials: per source, counts of every pair.
-        harder: settings beside which standard trials are shown.
+        harder: settings that are compared with standard trials.
     """
     sources: dict[Pair, list[str]] = {}
     for source, pairs in trials.items():
@@ -44,8 +44,8 @@ def plan(
             sources.setdefault((pair.first, pair.second), []).append(source)
     full, bare = full_look(settings), Look(settings.picture_width, settings.picture_height, 0, grasps=0)
 
-    def request(pair: Pair, strips: tuple[tuple[str, bool], ...], told: Sequence[str], look: Look) -> Request:
-        return Request(*pair, strips=strips, told=tuple(told), look=look, evaluate=evaluate)
+    def request(pair: Pair, strips: tuple[tuple[str, bool], ...], listed: Sequence[str], look: Look) -> Request:
+        return Request(*pair, strips=strips, listed=tuple(listed), look=look, evaluate=evaluate)
 
     if max(map(len, trials.values()), default=0) <= MOST_PAIRS:
         shown = [
@@ -53,8 +53,8 @@ def plan(
             for pair, own in sources.items()
             if SYNTHESIZED in own
         ]
-        told = [request(pair, (), own, bare) for pair, own in sources.items() if SYNTHESIZED not in own]
-        return Plan(shown, told, None)
+        others = [request(pair, (), own, bare) for pair, own in sources.items() if SYNTHESIZED not in own]
+        return Plan(shown, others, None)
     worst = worst_pairs(trials)
     small = small_look(settings)
     shown = [
@@ -63,10 +63,10 @@ def plan(
     linked = [
         (source, (one.first, one.second)) for source, own in trials.items() if len(own) <= MOST_PAIRS for one in own
     ] + [(one.source, names) for one in harder for names in one.shown]
-    others: dict[Pair, list[str]] = {}
+    linked_to: dict[Pair, list[str]] = {}
     for source, names in dict.fromkeys(linked):
         if names not in {(one.first, one.second) for one in worst}:
-            others.setdefault(names, []).append(source)
+            linked_to.setdefault(names, []).append(source)
     opening = next(
         (
             request((pair.first, pair.second), ((source, False),), (), Look(full.width, full.height, 6, grasps=0))
@@ -76,4 +76,4 @@ def plan(
         ),
         None,
     )
-    return Plan(shown, [request(pair, (), own, bare) for pair, own in others.items()], opening, worst)
+    return Plan(shown, [request(pair, (), own, bare) for pair, own in linked_to.items()], opening, worst)

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from markupsafe import Markup
 from pydantic import BaseModel
 
 from pipeline.records.parameters import Parameters
+from pipeline.report.charts import Table
+from pipeline.report.rendering import render
 
 Row = tuple[str, str, str]  # dotted name, value, meaning
 
-
+MOST_ROWS = 120  # of one section on the page
+MOST_LETTERS = 400  # of one value
 # Sections that have one row each, and stand in one table.
 RUN = ("scale", "preset", "hand", "seed", "pairs")
 UNSHOWN = ("compute",)  # no result depends on it
@@ -44,3 +48,22 @@ def described(name: str, value: Any, meaning: str = "") -> Iterator[Row]:
             yield from described(f"{name}.{key}", item, meaning)
     else:
         yield name, value if isinstance(value, str) else json.dumps(value) if value != {} else "none", meaning
+
+
+def settings_section(settings: Mapping[str, Sequence[Row]]) -> Markup:
+    """Return all parameters, one table to open per section of ``params.yaml``."""
+    tables = {
+        section: Table(["parameter", "value", "meaning"], shortened(section, rows))
+        for section, rows in settings.items()
+    }
+    return render("settings.html", tables=tables)
+
+
+def shortened(section: str, rows: Sequence[Row]) -> list[Row]:
+    """Return rows and values as far as a page can show them; params.yaml has them all."""
+    shown = [
+        (name, value if len(value) <= MOST_LETTERS else f"{value[:MOST_LETTERS]} … ({len(value)} letters)", meaning)
+        for name, value, meaning in rows[:MOST_ROWS]
+    ]
+    left = len(rows) - len(shown)
+    return [*shown, (section, f"… {left} more values", "In params.yaml.")] if left else shown

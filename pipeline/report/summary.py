@@ -1,4 +1,4 @@
-"""The flat summary: every headline figure under a dotted key; ``docs/metrics.md`` says what each means.
+"""The flat summary: every headline figure under a dotted key; ``docs/metrics.md`` defines each.
 
 Its length does not grow with the run: past ``MOST_PAIRS`` pairs and ``MOST_OBJECTS`` objects they have no keys of their
 own, and keys on their distribution take the place of these.

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.records import paths
+from pipeline.records.sources import SOURCES
 from pipeline.report.embedding import FoldedTable
+from pipeline.report.wording import SUCCESS, UNKNOWN
 
 HEADERS = (
     "trial",
@@ -27,13 +28,6 @@ HEADERS = (
     "physics steps",
 )
 REPLAY = "run again"
-REPLAYED = (*paths.SOURCES, paths.RECONSTRUCTED)  # whose trials ./dev replay runs; those of harder settings it does not
-UNKNOWN = "–"
-
-
-def trials_key(source: str, first: str, second: str) -> str:
-    """Return the id of the table of a pair's trials; ``source`` may also be a harder setting."""
-    return f"trials-{source}-{first}--{second}"
 
 
 def replay_command(source: str, first: str, second: str, trial: int) -> str:
@@ -45,7 +39,7 @@ def trials_table(source: str, first: str, second: str, trials: pd.DataFrame) -> 
     """Return the trials of one pair; ``trials`` may hold other pairs too."""
     own = trials[(trials["object0"] == first) & (trials["object1"] == second)].sort_values("trial")
     rows = [trial_row(row) for row in own.to_dict("records")]
-    if source not in REPLAYED:
+    if source not in SOURCES:  # of a harder setting, whose trials `./dev replay` does not run
         return FoldedTable(HEADERS, rows)
     commands = [replay_command(source, first, second, int(trial)) for trial in own["trial"]]
     headers = (*HEADERS[:2], REPLAY, *HEADERS[2:])
@@ -56,7 +50,7 @@ def trial_row(trial: Mapping[Any, Any]) -> list[str]:
     """Return the cells of one trial (a row of a trials table) under ``HEADERS``."""
     return [
         str(trial["trial"]),
-        "success" if trial["success"] else str(trial["reason"]),
+        SUCCESS if trial["success"] else str(trial["reason"]),
         str(trial["phase"]),
         "yes" if trial["success_10cm"] else "no",
         str(trial["merged_id"]) if trial["merged_id"] >= 0 else UNKNOWN,

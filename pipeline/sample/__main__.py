@@ -14,21 +14,20 @@ point clouds in metres, and writes grasps.parquet, grasps.json and grasps.html.
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Sequence
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
 from pipeline.records.digests import digest, file_digest, folder_digest, hand_digest, prepared_digest
 from pipeline.records.errors import UserError
-from pipeline.records.parameters import load_pairs, load_parameters, read_parameters
+from pipeline.records.parameters import chosen_pairs, load_with_workers
 from pipeline.records.parameters.hand import ALLEGRO
+from pipeline.records.parameters.names import require_name
 from pipeline.stages.code import own_fingerprint
-from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
+from pipeline.stages.items import Keep, Stage, make_by_hand, make_items, one_by_one
 from pipeline.stages.outputs import TablesWithFigures
-from pipeline.stages.running import run_stage
+from pipeline.stages.running import command, run_stage
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -52,9 +51,12 @@ def sample(source: str, only: str) -> None:
     Raises:
         UserError: an input is missing or damaged, or params.yaml does not name the object for this source.
     """
-    parameters = load_parameters(sections(source))
-    workers = read_parameters().compute
-    seen = _Reconstructions(parameters["reconstructed"], only) if source == paths.RECONSTRUCTED else _Prepared(only)
+    parameters, workers = load_with_workers(sections(source))
+    seen = (
+        _Reconstructions(parameters["reconstructed"], only)
+        if source == paths.RECONSTRUCTED
+        else _Prepared(parameters, only)
+    )
 
     from pipeline.compute.shared import Shared
     from pipeline.model.checkpoint import read_checkpoint
@@ -79,18 +81,15 @@ def sample(source: str, only: str) -> None:
             keep(key, (output.rows(table), figures))
             print(f"{first} then {second}, {source}: {len(_accepted(table))} accepted of {len(table)} tried")
 
-        def begin(keys: Sequence[str], keep: Keep) -> list[tuple[str, Any]]:
-            return [(key, partial(work, key, keep)) for key in keys]
-
         keys = [(first, second) for first, seconds in seen.pairs.items() for second in seconds]
         if only:
-            make_by_hand(stage, ["/".join(key) for key in keys], begin, workers)
+            make_by_hand(stage, ["/".join(key) for key in keys], one_by_one(work), workers)
             return
         values = [parameters[name] for name in sections(source) if name not in ("styles", "pairs", "reconstructed")]
         files = [file_digest(paths.MODEL_FOLDER / name, "train") for name in ("model.json", "model.safetensors")]
         common = digest(own_fingerprint("sample"), source, values, files, hand_digest(ALLEGRO))
         fingerprints = {"/".join(key): digest(common, key, seen.digest(*key)) for key in keys}
-        make_items(stage, fingerprints, begin, workers)
+        make_items(stage, fingerprints, one_by_one(work), workers)
 
 
 class _Prepared:
@@ -98,8 +97,8 @@ class _Prepared:
 
     identity = "sample"  # what the seed of a pair depends on
 
-    def __init__(self, only: str) -> None:
-        self.pairs = load_pairs(only)
+    def __init__(self, parameters: dict[str, Any], only: str) -> None:
+        self.pairs = chosen_pairs(parameters, only)
 
     def objects(self, first: str, second: str) -> tuple[PreparedObject, PreparedObject]:
         """Return the objects of a pair."""
@@ -119,8 +118,8 @@ class _Reconstructions:
     identity = paths.RECONSTRUCTED
 
     def __init__(self, chosen: dict[str, Any], only: str) -> None:
-        if only and only not in chosen:
-            raise UserError(f"params.yaml: there is no object {only!r} under `reconstructed`; add it there.")
+        if only:
+            require_name(only, chosen, "reconstructed")
         self._captures = {first: item.capture for first, item in chosen.items()}
         self.pairs = {first: tuple(item.side) for first, item in chosen.items() if only in ("", first)}
 
@@ -215,8 +214,7 @@ def sample_own(sources: tuple[Path, Path], count: int, output: Path) -> None:
     Raises:
         UserError: a file cannot be used, or there is no trained model.
     """
-    parameters = load_parameters(sections())
-    workers = read_parameters().compute
+    parameters, workers = load_with_workers(sections())
 
     from time import perf_counter
 
@@ -266,6 +264,7 @@ def plain(value: Any) -> Any:
     return value.tolist() if hasattr(value, "tolist") else value
 
 
+@command("sample")
 def main(arguments: list[str] | None = None) -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(
@@ -288,11 +287,7 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error("give --object with --source learned or --source reconstructed")
     if not (chosen.object0 and chosen.object1) or chosen.n < 1:
         parser.error("give --source NAME, or --object0 FILE and --object1 FILE, and -n of at least 1")
-    try:
-        sample_own((chosen.object0, chosen.object1), chosen.n, chosen.output)
-    except UserError as error:
-        print(f"sample: {error}", file=sys.stderr)
-        return 2
+    sample_own((chosen.object0, chosen.object1), chosen.n, chosen.output)
     return 0
 
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.energy.scene import contact_shares, contact_slots, force_closure, torque_scale
+from pipeline.energy.arrays import torque_scale
+from pipeline.energy.contacts import contact_shares, contact_slots, force_closure
 from pipeline.hand.allegro import Hand
 from pipeline.hand.kinematics import link_poses, points_on_links
 from pipeline.records.objects import PreparedObject

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.hand.allegro import EXTENDED_FINGER, RING_JOINTS, Hand
-from pipeline.hand.approach import choose_approach
+from pipeline.hand.approach import HandAtObject, choose_approach
 from pipeline.hand.moves import squeeze_joints
 from pipeline.pairing.grasps import SingleGrasp
 from pipeline.records.objects import PreparedObject
@@ -45,9 +45,8 @@ def single_grasps(
             posture[RING_JOINTS] = EXTENDED_FINGER
         T_object_hand = inverse_pose(T_hand_object[slot])
         opening = limits.pinch_opening if style == "pinch" else limits.side_opening
-        approach = choose_approach(
-            hand, objects[slot], T_object_hand, posture, style, candidates, opening, [limits.approach_length]
-        )
+        grasp = HandAtObject(hand, style, T_object_hand, posture, candidates)
+        approach = choose_approach(grasp, objects[slot], opening, [limits.approach_length])
         halves.append(
             SingleGrasp(
                 grasp_id=index,

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from pipeline.hand.allegro import load_hand
 from pipeline.hand.kinematics import link_poses
+from pipeline.pictures.colours import OBJECT_COLOURS_HTML
 from pipeline.pictures.decimation import Mesh, decimated
 from pipeline.records.objects import PreparedObject
 from pipeline.records.poses import pose_matrix, transform_points
 
-COLOURS = ("#e08a2e", "#3c78b4")  # first object, second object
 HAND_COLOUR = "#9a9a9a"
 TITLE = "Learned grasps, best first; hand frame, metres"
 
@@ -48,7 +48,7 @@ def grasp_page(rows: Sequence[Mapping[str, Any]], objects: tuple[PreparedObject,
         for slot, prepared in enumerate(objects):
             T = pose_matrix(row[f"position_hand_object{slot}"], row[f"quaternion_hand_object{slot}"])
             vertices, faces = shapes[slot]
-            meshes.append(((transform_points(T, vertices), faces), COLOURS[slot], prepared.name))
+            meshes.append(((transform_points(T, vertices), faces), OBJECT_COLOURS_HTML[slot], prepared.name))
         for (vertices, faces), colour, name in meshes:
             x, y, z = np.round(vertices, 5).T
             i, j, k = faces.T

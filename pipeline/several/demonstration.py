@@ -8,14 +8,13 @@ summary.json and trial.png to the output folder. docs/more-than-two.md explains 
 from __future__ import annotations
 
 import argparse
-import sys
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from pipeline.records.errors import UserError
 from pipeline.records.parameters import Parameters, read_parameters, require_allegro
 from pipeline.records.parameters.several import SeveralParameters, read_sequence
+from pipeline.stages.running import command
 
 
 def task_of(sequence: SeveralParameters, objects: tuple[Any, ...], parameters: Parameters) -> Any:
@@ -94,6 +93,7 @@ def demonstrate(source: Path, output: Path, workers: int | None) -> None:
     print(f"{summary['trials']['success']} of {len(rows)} trials lifted and held all objects; wrote {output}")
 
 
+@command("several")
 def main(arguments: list[str] | None = None) -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(
@@ -105,11 +105,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--output", type=Path, default=Path("several"), help="folder to write to (default: several)")
     parser.add_argument("--workers", type=int, help="processes (default: compute.workers of params.yaml)")
     chosen = parser.parse_args(arguments)
-    try:
-        demonstrate(chosen.sequence, chosen.output, chosen.workers)
-    except UserError as error:
-        print(f"several: {error}", file=sys.stderr)
-        return 2
+    demonstrate(chosen.sequence, chosen.output, chosen.workers)
     return 0
 
 

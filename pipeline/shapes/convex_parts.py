@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from pipeline.records.parameters.prepare import PrepareParameters
 from pipeline.shapes.frame import as_saved
@@ -16,8 +17,6 @@ Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
 
 def convex_hull(points: NDArray[np.float64]) -> Mesh:
     """Return vertices and outward faces of the convex hull of ``points`` (n, 3)."""
-    from scipy.spatial import ConvexHull
-
     hull = ConvexHull(points)
     used = hull.vertices
     index = np.full(len(points), -1)
@@ -36,8 +35,6 @@ def reduced_hull(points: NDArray[np.float64], most_vertices: int) -> tuple[Mesh,
     Begins with the extreme points of the axes and adds, one at a time, the vertex that sticks out furthest. All
     vertices are vertices of the full hull, so the result never sticks out itself.
     """
-    from scipy.spatial import ConvexHull
-
     full, _ = convex_hull(points)
     if len(full) <= most_vertices:
         return convex_hull(full), 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from pipeline.records.objects import PreparedObject
 
@@ -14,8 +15,6 @@ def signed_distance(prepared: PreparedObject, points: NDArray[np.float64]) -> ND
     Outside the grid the distance to the grid's box is added to the value at its border: an upper bound on the true
     distance that is exact enough for clearance tests, which only care about what is near.
     """
-    from scipy.ndimage import map_coordinates
-
     flat = points.reshape(-1, 3)
     coordinates = (flat - prepared.distance_origin) / prepared.distance_spacing
     inside = np.clip(coordinates, 0, np.array(prepared.distance.shape) - 1)

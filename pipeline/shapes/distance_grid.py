@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from pipeline.shapes.rays import ray_scene
 
 CHUNK = 1 << 17  # points per query; keeps memory low
 
@@ -20,15 +21,6 @@ class DistanceGrid:
     spacing: float  # m
 
 
-def ray_scene(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Any:
-    """Return Open3D's ray and distance queries for one mesh."""
-    import open3d
-
-    scene = open3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(open3d.core.Tensor(vertices.astype(np.float32)), open3d.core.Tensor(faces.astype(np.uint32)))
-    return scene
-
-
 def signed_distances(
     vertices: NDArray[np.float64], faces: NDArray[np.int64], points: NDArray[np.float64]
 ) -> NDArray[np.float32]:
@@ -36,7 +28,7 @@ def signed_distances(
 
     The sign is the majority of three parity rays, which is safe because the surface is one repaired solid.
     """
-    scene = ray_scene(vertices, faces)
+    scene = ray_scene((vertices, faces))
     parts = []
     for begin in range(0, len(points), CHUNK):
         query = points[begin : begin + CHUNK].astype(np.float32)

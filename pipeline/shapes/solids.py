@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from pipeline.records.objects import PreparedObject
+from pipeline.shapes.rays import ray_scene
 
 if TYPE_CHECKING:
-    import trimesh
-
     from pipeline.records.reconstructions import ReconstructedObject
 
 SURFACE_POINTS = 4096
@@ -23,8 +23,6 @@ DENSITY = 500.0  # kg/m3, as in the physics of the pipeline
 
 def object_of_solid(name: str, solid: trimesh.Trimesh) -> PreparedObject:
     """Return a closed mesh whose origin is its centre of mass as an object; its hull is its collision shape."""
-    import trimesh
-
     points, owners = trimesh.sample.sample_surface(solid, SURFACE_POINTS, seed=0)
     return _object(name, solid, np.asarray(points, np.float64), np.asarray(solid.face_normals[owners], np.float64))
 
@@ -35,8 +33,6 @@ def object_of_reconstruction(item: ReconstructedObject, grid: bool = True) -> Pr
     Args:
         grid: whether with the distance grid, which takes seconds; without, it is empty.
     """
-    import trimesh
-
     solid = trimesh.Trimesh(item.vertices, item.faces, process=False)
     return _object(item.name, solid, item.points, item.normals, grid)
 
@@ -66,17 +62,11 @@ def _object(
 
 def _distance_grid(solid: trimesh.Trimesh) -> tuple[NDArray[np.float32], NDArray[np.float64], float]:
     """Return signed distances on a grid (nx, ny, nz) around a solid, the grid's first corner (3,) and its spacing."""
-    import open3d as o3d
-
     low, high = solid.bounds[0] - PADDING, solid.bounds[1] + PADDING
     spacing = float((high - low).max() / (CELLS - 1))
     axes = [low[k] + spacing * np.arange(int(np.ceil((high - low)[k] / spacing)) + 1) for k in range(3)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).astype(np.float32)
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        o3d.core.Tensor(np.asarray(solid.vertices, np.float32)), o3d.core.Tensor(np.asarray(solid.faces, np.uint32))
-    )
-    distance = scene.compute_signed_distance(o3d.core.Tensor(grid), nthreads=1).numpy()
+    distance = ray_scene((solid.vertices, solid.faces)).compute_signed_distance(grid, nthreads=1).numpy()
     return distance.astype(np.float32), np.asarray(low, np.float64), spacing
 
 
@@ -85,8 +75,6 @@ def _collision_hull(solid: trimesh.Trimesh) -> trimesh.Trimesh:
 
     The latter lies at most about 1 % of the object's size inside the former (0.6 mm for a ball of 60 mm).
     """
-    import trimesh
-
     hull = solid.convex_hull
     if len(hull.vertices) <= HULL_CORNERS:
         return hull

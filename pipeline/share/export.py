@@ -15,8 +15,9 @@ import pandas as pd
 import pyarrow as pa
 
 from pipeline.records.errors import UserError
+from pipeline.records.sources import OF_ALL_PAIRS
 from pipeline.records.tables import MERGED, write_table
-from pipeline.share.grasps import FILES, GRASP_COLUMNS, chosen_pairs, grasps_of
+from pipeline.share.grasps import GRASP_COLUMNS, chosen_pairs, grasps_of
 from pipeline.share.project import STYLES, Project, objects_of, open_project
 from pipeline.share.released import (
     pair_arrays,
@@ -25,6 +26,7 @@ from pipeline.share.released import (
     write_hdf5,
     write_meshes,
 )
+from pipeline.stages.running import command
 
 HDF5 = (".h5", ".hdf5")
 TABLE = pa.schema(
@@ -44,7 +46,7 @@ def command_line() -> argparse.ArgumentParser:
     parser.add_argument("--rev", help="branch, tag or commit; then data come from DVC's cache or remote")
     parser.add_argument("--first", nargs="+", metavar="OBJECT", help="only these, picked first")
     parser.add_argument("--second", nargs="+", metavar="OBJECT", help="only these, picked second")
-    parser.add_argument("--source", nargs="+", choices=tuple(FILES), default=["synthesized"])
+    parser.add_argument("--source", nargs="+", choices=tuple(OF_ALL_PAIRS), default=["synthesized"])
     parser.add_argument("--all", action="store_true", help="rejected rows too; parquet only")
     parser.add_argument("--no-contacts", action="store_true", help="leave contact indices out; one HDF5 file then")
     parser.add_argument(
@@ -111,14 +113,10 @@ def _export_pairs(project: Project, file: Path, grasps: pd.DataFrame, no_contact
     return write_hdf5(file, pair_arrays(grasps, singles, load_hand()))
 
 
+@command("export")
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; exit code 2 after one sentence when it cannot be done."""
-    try:
-        written = export(command_line().parse_args(arguments))
-    except UserError as error:
-        print(f"export: {error}", file=sys.stderr)
-        return 2
-    for path in written:
+    """Run the command."""
+    for path in export(command_line().parse_args(arguments)):
         print(path)
     return 0
 

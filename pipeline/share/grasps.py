@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Sequence
-from functools import partial
-from pathlib import Path
+from collections.abc import Iterable, Sequence
 
 import pandas as pd
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
-from pipeline.records.tables import MERGED
+from pipeline.records.sources import OF_ALL_PAIRS, SOURCES
+from pipeline.records.tables import MERGED, description
 from pipeline.share.project import Project, objects_of, open_project, partners_of, read_pairs
 
-# Where the grasps of a source are, and the stage that makes them.
-FILES: dict[str, tuple[Callable[[str], Path], str]] = {
-    "synthesized": (paths.merged_file, "merge"),
-    "learned": (partial(paths.sampled_file, "learned"), "sample@learned"),
-}
 # What every column of `load_grasps` means.
 GRASP_COLUMNS = {
-    "source": "`synthesized` (merged from two single grasps) or `learned` (drawn from the model, then refined)",
-    **{field.name: field.metadata[b"description"].decode() for field in MERGED},
+    "source": " or ".join(f"`{source.name}` ({source.origin})" for source in OF_ALL_PAIRS.values()),
+    **{field.name: description(field) for field in MERGED},
 }
 _LEARNED_IDS = "; of a learned grasp, the number of the sample"
 GRASP_COLUMNS |= {name: GRASP_COLUMNS[name] + _LEARNED_IDS for name in ("grasp0_id", "grasp1_id")}
@@ -49,13 +43,13 @@ def load_grasps(
         rev: branch, tag or commit; then data come from DVC's cache or remote, for a folder too.
         first, second: object or objects picked first (held by thumb, index and middle finger) and second (by ring
             finger and palm); all when left out.
-        source: ``synthesized``, ``learned``, or both.
+        source: one or more of ``records.sources.OF_ALL_PAIRS``, such as ``learned``.
         only_accepted: leave out what a check rejected; otherwise ``rejected_by`` names the first failed check.
 
     Raises:
         UserError: something is missing or damaged; the sentence says what and how to mend it.
     """
-    sources = _among("source", source, tuple(FILES), "this project")
+    sources = _among("source", source, tuple(OF_ALL_PAIRS), "this project")
     with open_project(repository, rev) as project:
         return grasps_of(project, chosen_pairs(project, first, second), sources, only_accepted)
 
@@ -73,9 +67,8 @@ def grasps_of(
         seconds.setdefault(first, []).append(second)
     tables = []
     for source in sources:
-        file_of, stage = FILES[source]
         for first, own in seconds.items():
-            for rows in read_pairs(project, file_of(first), MERGED, stage, own).values():
+            for rows in read_pairs(project, SOURCES[source].table(first), MERGED, SOURCES[source].stage, own).values():
                 kept = rows[rows["rejected_by"] == ""] if only_accepted else rows
                 kept.insert(0, "source", source)
                 tables.append(kept)

@@ -12,6 +12,7 @@ import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -29,6 +30,11 @@ RECOMPUTE = "RECOMPUTE"  # environment variable: when it is 1, every item is com
 Keep = Callable[[str, Any], None]  # takes the key and the result of an item that is finished
 # From the keys of the items to compute to the work that computes them, each with its name.
 Begin = Callable[[Sequence[str], Keep], Sequence[tuple[str, Callable[[], Work]]]]
+
+
+def one_by_one(work: Callable[[str, Keep], Work]) -> Begin:
+    """Return how items begin that are computed each by itself, by their keys and in their order."""
+    return lambda keys, keep: [(key, partial(work, key, keep)) for key in keys]
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -159,10 +159,7 @@ class Folders:
     def write(self, folder: Path, keys: Sequence[str], result: Callable[[str], dict[str, bytes]]) -> None:
         """Write the folder of every item."""
         for key in keys:
-            for name, content in result(key).items():
-                target = folder / key / name
-                target.parent.mkdir(parents=True, exist_ok=True)
-                target.write_bytes(content)
+            write_files(folder / key, result(key))
 
     def place(self, made: Path, target: Path) -> None:
         """Move the folder of an item to its place."""
@@ -174,3 +171,11 @@ def files_in(folder: Path) -> dict[str, bytes]:
     return {
         path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()
     }
+
+
+def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write files by relative path below a folder, as :func:`files_in` returns them."""
+    for name, content in files.items():
+        target = folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(content)

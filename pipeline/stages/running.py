@@ -1,19 +1,24 @@
-"""What every stage's command does around its own work: one-sentence errors and a line of durations."""
+"""What every command does around its own work: errors in one sentence and, for a stage, a line of durations."""
 
 from __future__ import annotations
 
 import errno
 import fcntl
+import functools
 import json
 import os
 import sys
 import time
 from collections.abc import Callable
+from typing import ParamSpec
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.writing import write_json
 from pipeline.stages.cost import cost_so_far
+
+Arguments = ParamSpec("Arguments")
+REFUSED = 2  # exit code
 
 
 def _record_duration(item: str, wall_seconds: float) -> None:
@@ -35,29 +40,51 @@ def _record_duration(item: str, wall_seconds: float) -> None:
         write_json(paths.DURATIONS_FILE, known)
 
 
+def command(name: str) -> Callable[[Callable[Arguments, int]], Callable[Arguments, int]]:
+    """Return a decorator for what a command does, a function that returns its exit code.
+
+    A :class:`UserError`, and a file or disk that cannot be used, end in one line on stderr and exit code 2; anything
+    else is a defect of ours and keeps its traceback.
+
+    Args:
+        name: of the command; the line begins with it.
+    """
+
+    def decorated(work: Callable[Arguments, int]) -> Callable[Arguments, int]:
+        @functools.wraps(work)
+        def run(*args: Arguments.args, **kwargs: Arguments.kwargs) -> int:
+            try:
+                return work(*args, **kwargs)
+            except UserError as error:
+                sentence = str(error)
+            except OSError as error:
+                if error.errno in (errno.ENOSPC, errno.EDQUOT):
+                    sentence = "the disk is full; free some space and run again."
+                elif error.filename is not None:
+                    sentence = f"cannot use {os.fspath(error.filename)}: {error.strerror}."
+                else:
+                    raise
+            print(f"{name}: {sentence}", file=sys.stderr)
+            return REFUSED
+
+        return run
+
+    return decorated
+
+
 def run_stage(item: str, work: Callable[[], None]) -> int:
     """Run one stage and return its exit code.
 
     Args:
         item: the DVC name of the stage, such as ``synthesize@pinch``.
         work: everything the stage does.
-
-    A :class:`UserError` ends in one line on stderr and exit code 2; anything else is a defect of ours and keeps its
-    traceback.
     """
-    begin = time.perf_counter()
-    try:
+
+    @command(item)
+    def measured() -> int:
+        begin = time.perf_counter()
         work()
         _record_duration(item, time.perf_counter() - begin)
-    except UserError as error:
-        print(f"{item}: {error}", file=sys.stderr)
-        return 2
-    except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            print(f"{item}: the disk is full; free some space and run again.", file=sys.stderr)
-            return 2
-        if error.filename is None:
-            raise
-        print(f"{item}: cannot use {os.fspath(error.filename)}: {error.strerror}.", file=sys.stderr)
-        return 2
-    return 0
+        return 0
+
+    return measured()

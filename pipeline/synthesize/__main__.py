@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from pipeline.records import paths
 from pipeline.records.digests import digest, hand_digest, prepared_digest
 from pipeline.records.objects import load_prepared_object
-from pipeline.records.parameters import load_parameters, read_parameters
+from pipeline.records.parameters import load_with_workers
 from pipeline.records.tables import CANDIDATES, of_hand
 from pipeline.stages.code import own_fingerprint
 from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
@@ -33,8 +33,7 @@ def sections(style: str) -> list[str]:
 
 def synthesize(style: str, only: str) -> None:
     """Make the candidates of the objects that are not up to date, or of one by hand."""
-    parameters = load_parameters(sections(style))
-    workers = read_parameters().compute
+    parameters, workers = load_with_workers(sections(style))
     names = [only] if only else parameters.pop(f"styles.{style}")
     digests = {name: prepared_digest(name) for name in names}
     from pipeline.hand.model import load_hand

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -13,10 +13,13 @@ from numpy.typing import NDArray
 from pipeline.compute.fan_out import Workers
 from pipeline.compute.pool import Calls, Work, run_one
 from pipeline.compute.shared import Shared
-from pipeline.energy.scene import EnergyScene, Grasps, Terms, compile_kernels, contact_slots
+from pipeline.energy.contacts import contact_slots
+from pipeline.energy.scene import EnergyScene, Grasps, compile_kernels
 from pipeline.hand.model import Hand, load_hand
+from pipeline.records.energy_terms import Terms
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters, StyleParameters
+from pipeline.records.synthesis_reasons import SynthesisReason
 from pipeline.stages.seeds import item_generator, item_seed
 from pipeline.synthesize.chains import run_chains
 from pipeline.synthesize.scoring import duplicates, first_failures, score_exactly
@@ -85,10 +88,7 @@ def run_block(request: Request, block: Block) -> tuple[Grasps, Terms]:
     best, _ = run_chains(scene, request.optimizer, settings.iterations, first, slots, free, seeds, settings.starts)
     # The energy only leans against the limits, so that the best state may lie a little beyond.
     best.q = np.clip(best.q, hand.lower, hand.upper)
-    terms = scene.evaluate(best)[0]
-    if request.optimizer.batch_table_term:
-        terms = replace(terms, table=np.full(len(best), terms.table.sum()))
-    return best, terms
+    return best, scene.evaluate(best)[0]
 
 
 def touching(hand: Hand, fingers: Sequence[str], contacts: NDArray[np.int64]) -> list[str]:
@@ -112,8 +112,7 @@ def block_rows(request: Request, block: Block, grasps: Grasps, terms: Terms) -> 
             "contact_candidates": list(grasps.contacts),
             "contact_points": [list(each) for each in points],
             "contact_normals": [list(each) for each in normals],
-            "energy": terms.energy,
-            **{f"energy_{field.name}": getattr(terms, field.name) for field in fields(Terms) if field.name != "energy"},
+            **terms.columns(),
             "rejected_by": first_failures(terms, request.energy),
         }
     )
@@ -139,7 +138,7 @@ def synthesis(request: Request) -> Work[pd.DataFrame]:
         contacts=np.zeros((len(rows), 0), dtype=np.int64),
     )
     same = duplicates(grasps, rows["energy"].to_numpy(), (rows["rejected_by"] == "").to_numpy())
-    rows.loc[same, "rejected_by"] = "duplicate"
+    rows.loc[same, "rejected_by"] = SynthesisReason.DUPLICATE.value
     return rows
 
 

@@ -6,8 +6,8 @@ that falls; proposals with a contact used twice are rejected. Step and temperatu
 periods shortened with the chain. The state of lowest energy, of all starts of a chain where it has several, is kept
 and polished: short RMSprop steps without noise, its contacts fixed.
 
-A chain is determined by its first state and its seed, whatever chains run beside it. The settings of the released code
-(one preconditioner, one table term for the whole batch) are the exception: there it is determined by its batch.
+A chain is determined by its first state and its seed, whatever chains run beside it. The exception is the released
+code's preconditioner, one for a whole batch: with it a chain is determined by its batch.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.energy.scene import EnergyScene, Grasps, Terms, chosen, read_grasps, read_terms
+from pipeline.energy.scene import EnergyScene, Grasps, chosen, read_grasps, read_terms
+from pipeline.records.energy_terms import Terms
 from pipeline.records.parameters.synthesize import OptimizerParameters
 
 PUBLISHED_ITERATIONS = 6000  # the decay periods of the optimizer's parameters belong to chains of this length
@@ -90,15 +91,14 @@ def launch_chains(
     wp, kernel, count = scene.wp, scene.kernel, len(seeds)
     grasps = read_grasps(current)
     proposal, scratch = scene.states(grasps), scene.scratch(grasps)
-    # A sum over the batch, added to each of its grasps, has the batch's number of times the slope.
-    weights = scene.weights(table_factor=count if optimizer.batch_table_term else 1)
+    weights = scene.weights()
     for states in (current, best):
         scene.launch_evaluation(states, scratch, weights)
     schedule = _schedule(scene, optimizer, iterations, slots, free)
     mean_square = wp.zeros((count, kernel.POSE + scene.joint_count), dtype=float, device=scene.device)
     seed_array = wp.array(seeds.astype(np.int32), dtype=int, device=scene.device)
     energy = [scene.hand, scene.scene, weights]
-    if not (optimizer.shared_preconditioner or optimizer.batch_table_term):
+    if not optimizer.shared_preconditioner:
         moved = [schedule, current, proposal, best, scratch, mean_square, seed_array, iterations]
         wp.launch(kernel.anneal_kernel, dim=count, inputs=energy + moved, device=scene.device)
         return
@@ -109,19 +109,12 @@ def launch_chains(
     share = recorded(kernel.share_slopes_kernel, kernel.POSE + scene.joint_count, schedule, current, mean_square)
     proposed = (schedule, current, proposal, scratch, mean_square, seed_array, 0)
     propose = recorded(kernel.propose_kernel, count, *energy, *proposed)
-    sum_table = recorded(kernel.sum_table_kernel, 1, weights, proposal)
     decide = recorded(kernel.decide_kernel, count, schedule, current, proposal, best, seed_array, 0)
-    if optimizer.batch_table_term:
-        for states in (current, best):
-            wp.launch(kernel.sum_table_kernel, dim=1, inputs=[weights, states], device=scene.device)
     for iteration in range(iterations):
         propose.set_param_at_index(len(energy) + len(proposed) - 1, iteration)
         decide.set_param_at_index(5, iteration)
-        if optimizer.shared_preconditioner:
-            share.launch()
+        share.launch()
         propose.launch()
-        if optimizer.batch_table_term:
-            sum_table.launch()
         decide.launch()
 
 

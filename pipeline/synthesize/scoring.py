@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pipeline.energy.scene import Grasps, Terms, contact_positions, contact_shares, force_closure, torque_scale
+from pipeline.energy.arrays import torque_scale
+from pipeline.energy.contacts import contact_positions, contact_shares, force_closure
+from pipeline.energy.scene import Grasps
 from pipeline.hand.model import Hand
+from pipeline.records.energy_terms import Terms
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters
+from pipeline.records.synthesis_reasons import SynthesisReason
+from pipeline.shapes.rays import ray_scene
 
 SURFACE_TOLERANCE = 1e-6  # m; nearer than this, the normal is that of the triangle
 # A grasp is a duplicate of a better one within all three (notes of the yield measurements).
@@ -23,13 +27,7 @@ class ExactSurface:
     """Distance and normals of the prepared mesh itself, without a grid."""
 
     def __init__(self, prepared: PreparedObject) -> None:
-        import open3d as o3d
-
-        self._tensor: Any = o3d.core.Tensor
-        self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-        self._scene.add_triangles(
-            o3d.core.Tensor(prepared.vertices.astype(np.float32)), o3d.core.Tensor(prepared.faces.astype(np.uint32))
-        )
+        self._scene = ray_scene((prepared.vertices, prepared.faces))
 
     def distance_and_normal(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return signed distances (n,), positive outside, and outward unit normals (n, 3) of points (n, 3).
@@ -37,7 +35,7 @@ class ExactSurface:
         The normal points from the closest surface point to the point (outside) or back (inside), which at an edge lies
         between the normals of its faces.
         """
-        query = self._tensor(np.ascontiguousarray(points, dtype=np.float32))
+        query = np.ascontiguousarray(points, dtype=np.float32)
         closest = self._scene.compute_closest_points(query)
         sign = np.where(self._scene.compute_occupancy(query, nthreads=1).numpy() > 0.5, -1.0, 1.0)
         away = points - closest["points"].numpy().astype(np.float64)
@@ -61,15 +59,7 @@ def score_exactly(
     shares = contact_shares(hand, grasps.contacts, energy.balance_forces)
     closure = force_closure(points, normals, shares, torque_scale(prepared.extents, energy.scale_torque))
     exact = replace(terms, force_closure=closure, distance=np.abs(distance.reshape(points.shape[:2])).sum(1))
-    total = (
-        energy.weight_force_closure * exact.force_closure
-        + energy.weight_distance * exact.distance
-        + energy.weight_penetration * (exact.penetration + exact.table + exact.keep_out)
-        + energy.weight_self_penetration * exact.self_penetration
-        + energy.weight_joints * exact.joints
-        + energy.weight_offset * exact.offset
-    )
-    return replace(exact, energy=total), points, normals
+    return exact.weighted(energy), points, normals
 
 
 def first_failures(terms: Terms, energy: EnergyParameters) -> NDArray[np.str_]:
@@ -79,16 +69,16 @@ def first_failures(terms: Terms, energy: EnergyParameters) -> NDArray[np.str_]:
         return np.inf if value is None else value
 
     checks = {
-        "joints": ~(terms.joints <= limit(energy.limit_joints)),
-        "distance": ~(terms.distance <= energy.limit_distance),
-        "force_closure": ~(terms.force_closure <= energy.limit_force_closure),
-        "penetration": ~(terms.penetration <= energy.limit_penetration),
-        "table": ~(terms.penetration + terms.table <= energy.limit_penetration),
-        "self_penetration": ~(terms.self_penetration <= limit(energy.limit_self_penetration)),
+        SynthesisReason.JOINTS: ~(terms.joints <= limit(energy.limit_joints)),
+        SynthesisReason.DISTANCE: ~(terms.distance <= energy.limit_distance),
+        SynthesisReason.FORCE_CLOSURE: ~(terms.force_closure <= energy.limit_force_closure),
+        SynthesisReason.PENETRATION: ~(terms.penetration <= energy.limit_penetration),
+        SynthesisReason.TABLE: ~(terms.penetration + terms.table <= energy.limit_penetration),
+        SynthesisReason.SELF_PENETRATION: ~(terms.self_penetration <= limit(energy.limit_self_penetration)),
     }
     reasons = np.full(len(terms.energy), "", dtype="<U32")
-    for name, failed in checks.items():
-        reasons[(reasons == "") & failed] = name
+    for reason, failed in checks.items():
+        reasons[(reasons == "") & failed] = reason.value
     return reasons
 
 

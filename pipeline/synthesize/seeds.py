@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from scipy.special import ndtr, ndtri
 
 from pipeline.energy.keep_out import fingers_used
 from pipeline.energy.scene import EnergyScene, Grasps
@@ -92,8 +93,6 @@ def minimal_rotation(start: NDArray[np.float64], end: NDArray[np.float64]) -> ND
 def _truncated_normal(
     rng: np.random.Generator, mean: NDArray[np.float64], sigma: NDArray[np.float64], hand: Hand
 ) -> NDArray[np.float64]:
-    from scipy.special import ndtr, ndtri
-
     low, high = ndtr((hand.lower - mean) / sigma), ndtr((hand.upper - mean) / sigma)
     return np.clip(mean + sigma * ndtri(low + rng.random(len(mean)) * (high - low)), hand.lower, hand.upper)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import read_parameters, require_allegro
 from pipeline.records.writing import whole_file, write_json
-from pipeline.stages.running import run_stage
+from pipeline.stages.running import command, run_stage
 from pipeline.stages.unfinished import remove_finished
 
 LOCK_FILE, STAGES_FILE = Path("dvc.lock"), Path("dvc.yaml")
@@ -69,16 +68,13 @@ def work() -> None:
     remove_finished()
 
 
+@command("track")
 def work_all() -> int:
-    """Record what git's history holds and return the exit code: 2 after one sentence when it cannot be done."""
-    try:
-        parameters = read_parameters()
-        from pipeline.track.backfill import record_all
+    """Record what git's history holds and return the exit code."""
+    parameters = read_parameters()
+    from pipeline.track.backfill import record_all
 
-        print(f"track: {record_all(Path.cwd(), parameters.track.experiment)}")
-    except UserError as error:
-        print(f"track: {error}", file=sys.stderr)
-        return 2
+    print(f"track: {record_all(Path.cwd(), parameters.track.experiment)}")
     return 0
 
 

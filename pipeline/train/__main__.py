@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
 from pipeline.records.digests import digest, hand_digest
-from pipeline.records.parameters import load_pairs, load_parameters
+from pipeline.records.parameters import chosen_pairs, load_parameters
 from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.parameters.train import TrainingParameters
 from pipeline.stages.code import own_fingerprint
@@ -47,7 +47,7 @@ def train_model() -> None:
     from pipeline.train.training import train, training_identity
 
     tables = {}
-    for first, seconds in load_pairs().items():
+    for first, seconds in chosen_pairs(parameters).items():
         merged = read_table(paths.merged_file(first), MERGED, "merge") if seconds else None
         for second in seconds:
             assert merged is not None

@@ -19,10 +19,9 @@ from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.records.poses import pose_matrix
-from pipeline.records.tables import CANDIDATES, VALIDATED
-from pipeline.validate.grasp_test import Candidate, check_candidate, held_grasp
-
-NOT_TESTED = "not_tested"
+from pipeline.records.tables import CHECKED
+from pipeline.records.validation_reasons import ValidationReason
+from pipeline.validate.checks import Candidate, check_candidate, held_grasp
 
 
 def candidate_of(row: dict[str, Any], support: Support = PLANE, hand: Hand | None = None) -> Candidate:
@@ -84,11 +83,11 @@ def validation(
         results = dict(zip(tested, (yield Calls(partial(_check, shared), tasks)), strict=True))
     rejected_by = rows["rejected_by"].tolist()
     for index in left:
-        rejected_by[index] = NOT_TESTED
+        rejected_by[index] = ValidationReason.NOT_TESTED.value
     for index, columns in results.items():
         rejected_by[index] = columns["rejected_by"]
     rows["rejected_by"] = rejected_by
-    for name in VALIDATED.names[len(CANDIDATES.names) :]:
+    for name in CHECKED.names:
         rows[name] = pd.Series([results[i][name] if i in results else None for i in rows.index], dtype=object)
     return rows
 
@@ -99,7 +98,7 @@ def _gravities_elsewhere(
     """Test the gravities of all candidates on the GPU where ``limits.device`` says so."""
     if limits.device == "cpu" or not candidates:
         return [None] * len(candidates)
-    from pipeline.physics.holding_cuda import hold_all_in_gravities
+    from pipeline.physics.sapien_holding import hold_all_in_gravities
 
     grasps = [held_grasp(prepared, candidate, limits.squeeze_advance) for candidate in candidates]
     return hold_all_in_gravities(settings, limits, grasps)

@@ -7,16 +7,13 @@ Without a name, the prepared objects are shown. A name leads to a row or to a ta
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import TYPE_CHECKING
 
-from pipeline.records.errors import UserError
 from pipeline.records.parameters import read_parameters
+from pipeline.stages.running import command
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-UNUSABLE = 2  # exit code
 
 
 def command_line() -> argparse.ArgumentParser:
@@ -30,21 +27,18 @@ def command_line() -> argparse.ArgumentParser:
     return parser
 
 
+@command("view")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command."""
     parser = command_line()
     chosen = parser.parse_args(arguments)
     if not 1 <= chosen.port <= 65535:
         parser.error("--port must be 1 to 65535")
-    try:
-        parameters = read_parameters()
-        from pipeline.view.library import Library
-        from pipeline.view.page import Page
+    parameters = read_parameters()
+    from pipeline.view.library import Library
+    from pipeline.view.page import Page
 
-        page = Page(Library(parameters), chosen.host, chosen.port, chosen.name)
-    except UserError as error:
-        print(f"view: {error}", file=sys.stderr)
-        return UNUSABLE
+    page = Page(Library(parameters), chosen.host, chosen.port, chosen.name)
     print(f"{page.address} shows it (Ctrl-C ends it)", flush=True)
     page.run()
     return 0

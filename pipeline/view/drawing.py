@@ -1,4 +1,4 @@
-"""What is drawn, as plain arrays in the world frame (m, z up), and where many things stand beside each other."""
+"""What is drawn, as plain arrays in the world frame (m, z up), and where many things stand side by side."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pipeline.pictures.camera import framing
 from pipeline.records.poses import transform_points
 
 COLUMNS = 8  # of things side by side
-PICK_RADIUS = 0.7  # in parts of the spacing: how far beside the middle of a thing a click still means it
+PICK_RADIUS = 0.7  # in parts of the spacing: how far from the middle of a thing a click still selects it
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def translations(places: ArrayLike) -> NDArray[np.float64]:
 
 
 def picked(drawing: Drawing, origin: ArrayLike, direction: ArrayLike) -> int | None:
-    """Return which row a click means: that of the cell nearest to the ray (both (3,)), None if no cell is near."""
+    """Return which row a click selects: that of the cell nearest to the ray (both (3,)), None if no cell is near."""
     if not len(drawing.cells):
         return None
     along = np.asarray(direction, np.float64)

@@ -1,35 +1,51 @@
-"""What a row says in words: Markdown for the panel, and the names of rows that it came from."""
+"""A row in words: Markdown for the panel, and the names of rows that it came from."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+from jinja2 import Environment, StrictUndefined
 
 from pipeline.records import paths
 from pipeline.records.objects import PreparedObject
+from pipeline.records.sources import SOURCES
+from pipeline.records.tables import CHECKED, description
 from pipeline.report.meanings import MERGE, SYNTHESIS, TRIALS, VALIDATION, meaning_of
 from pipeline.view.rows import Colour
-from pipeline.view.tables import GRASP_FOLDERS, HARDER
+from pipeline.view.tables import HARDER
 
-MEANINGS = {**SYNTHESIS, **VALIDATION, **TRIALS}  # of what rejects single grasps, and of reasons of trials
-# Columns that are told, with unit and digits.
+SINGLE = {**SYNTHESIS, **VALIDATION}  # of what rejects single grasps
+
+
+def _measured(column: pa.Field) -> tuple[str, int]:
+    unit = description(column).partition(",")[0]
+    return ("mm" if unit == "m" else unit), 2
+
+
+# Columns that the panel shows, with unit and digits.
 GRASP_COLUMNS = {
     "energy": ("", 3),
     "energy_force_closure": ("", 3),
     "energy_distance": ("mm", 2),
     "energy_penetration": ("mm", 2),
-    "table_approach_push": ("mm", 2),
-    "table_drift": ("mm", 2),
-    "settling_drift": ("mm", 2),
+    **{column.name: _measured(column) for column in CHECKED if column.type == pa.float64()},
     "object_clearance": ("mm", 2),
     "hand_clearance": ("mm", 2),
     "mount_clearance": ("mm", 2),
     "approach_length1": ("mm", 0),
 }
+_LEGEND = Environment(autoescape=True, trim_blocks=True, undefined=StrictUndefined).from_string(
+    """
+{% for reason, count, colour in lines %}
+<div style="font-size:.85em;padding:0 1em">
+<span style="display:inline-block;width:.8em;height:.8em;background:rgb({{ colour | join(',') }})"></span>
+ {{ reason | replace('_', ' ') }}: {{ count }}</div>
+{% endfor %}"""
+)
 TRIAL_COLUMNS = {"height0": ("mm", 0), "height1": ("mm", 0), "push1": ("mm", 1)}
 
 
@@ -50,23 +66,23 @@ def _numbers(row: Mapping[str, Any], columns: Mapping[str, tuple[str, int]]) -> 
 
 
 def grasp_facts(row: Mapping[str, Any]) -> str:
-    """Return what a row of candidates, validated or two-object grasps says."""
+    """Return outcome and figures of a row of candidates, validated or two-object grasps."""
     rejected_by = row["rejected_by"]
-    meanings = MERGE if "merged_id" in row else MEANINGS
-    told = "passed all checks"
+    meanings = MERGE if "merged_id" in row else SINGLE
+    outcome = "passed all checks"
     if rejected_by:
         meaning = meaning_of(rejected_by, meanings)
-        told = f"rejected by **{rejected_by.replace('_', ' ')}**" + (f": {meaning}" if meaning else "")
+        outcome = f"rejected by **{rejected_by.replace('_', ' ')}**" + (f": {meaning}" if meaning else "")
     fingers = [row[name] for name in ("fingers", "fingers0", "fingers1") if row.get(name)]
     lines = [("held by", ", then ".join(fingers).replace("+", " + ")), *_numbers(row, GRASP_COLUMNS)]
     drifts = row.get("gravity_drift")
     if drifts is not None and len(drifts):
         lines.append(("worst gravity drift", _number(float(np.nanmax(drifts)), "mm", 2)))
-    return f"{told}\n\n{_table(lines)}"
+    return f"{outcome}\n\n{_table(lines)}"
 
 
 def trial_facts(row: Mapping[str, Any], moment: int) -> str:
-    """Return what a row of trials says; its snapshot ``moment`` is shown."""
+    """Return outcome and figures of a row of trials; its snapshot ``moment`` is shown."""
     outcome = "success" if row["success"] else f"failed: **{row['reason']}**, {meaning_of(row['reason'], TRIALS)}"
     phases = row["snapshot_phases"]
     shown = f"end of *{phases[moment]}*" if len(phases) else "no moment was recorded"
@@ -116,28 +132,18 @@ def related(line: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, str]:
             "pinch": f"validate/pinch/{first}/{row['grasp0_id']}",
             "side": f"validate/side/{second}/{row['grasp1_id']}",
         }
-    if view == "evaluate" and row["merged_id"] >= 0 and source in GRASP_FOLDERS:
-        return {"its grasp": f"{GRASP_FOLDERS[source]}/{first}/{second}/{row['merged_id']}"}
+    if view == "evaluate" and row["merged_id"] >= 0 and source in SOURCES:
+        folder = "/".join(SOURCES[source].folder.parts[1:])
+        return {"its grasp": f"{folder}/{first}/{second}/{row['merged_id']}"}
     if view == "sample" and source == paths.RECONSTRUCTED:
         return {first: f"prepare/{first}", second: f"prepare/{second}"}
     return {"object": f"prepare/{first}"} if view == "reconstruct" else {}
 
 
 def legend(counts: Mapping[str, int], colours: Mapping[str, Colour]) -> str:
-    """Return HTML: fates with their colours and how many rows share each."""
-    lines = []
-    for fate, count in counts.items():
-        if fate:
-            red, green, blue = (round(255 * channel) for channel in colours[fate])
-            swatch = f"display:inline-block;width:.8em;height:.8em;background:rgb({red},{green},{blue})"
-            text = escape(fate.replace("_", " "))
-            lines.append(f'<div><span style="{swatch}"></span> {text}: {count}</div>')
-    return f'<div style="font-size:.85em;padding:0 1em">{"".join(lines)}</div>' if lines else ""
-
-
-def reconstructed_names(source: str) -> bool:
-    """Say whether grasps of a source are given in the frames of reconstructed objects."""
-    return source == paths.RECONSTRUCTED
+    """Return HTML: reasons with their colours and how many rows share each."""
+    shown = [(reason, count, [round(255 * channel) for channel in colours[reason]]) for reason, count in counts.items()]
+    return _LEGEND.render(lines=[line for line in shown if line[0]])
 
 
 def heading(line: pd.Series, place: int, count: int) -> str:

@@ -93,7 +93,7 @@ class Library:
         """Return the true surface of an object of a capture, scene frame: vertices (V, 3) and faces; None without one.
 
         Raises:
-            UserError: what tells the truth is damaged.
+            UserError: the ground truth is damaged.
         """
         from pipeline.records.captures import read_truth
 
@@ -124,8 +124,8 @@ def _lines(table: Table) -> pd.DataFrame:
     trials, pairs = table.view == TRIALS_VIEW, table.view in (MERGED_VIEW, TRIALS_VIEW)
     wanted = [table.number, *(("reason", "success") if trials else ("rejected_by",))]
     rows = _columns(table, table.schema, [*wanted, *(("object0", "object1") if pairs else ())])
-    fates = rows["reason" if trials else "rejected_by"].fillna("")
-    good = rows["success"] if trials else fates == ""
+    reasons = rows["reason" if trials else "rejected_by"].fillna("")
+    good = rows["success"] if trials else reasons == ""
     first, second = (rows["object0"], rows["object1"]) if pairs else (table.first, "")
     numbers = rows[table.number].astype(int)
     prefix = table.name + "/" + (first + "/" if not table.first else "") + (second + "/" if pairs else "")
@@ -140,7 +140,7 @@ def _lines(table: Table) -> pd.DataFrame:
             "style": table.style,
             "first": first,
             "second": second,
-            "fate": fates.where(fates != "", success),
+            "reason": reasons.where(reasons != "", success),
             "outcome": good.map({True: success, False: failure}),
         },
         columns=list(INDEX),
@@ -158,4 +158,4 @@ def _columns(table: Table, schema: pa.Schema, wanted: list[str]) -> pd.DataFrame
             return pq.read_table(table.file, columns=wanted).to_pandas()
     except (pa.ArrowInvalid, OSError):
         pass
-    return read_table(table.file, schema, table.stage)[wanted]  # says what is wrong
+    return read_table(table.file, schema, table.stage)[wanted]  # raises with what is wrong

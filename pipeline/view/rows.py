@@ -1,4 +1,7 @@
-"""Which rows are shown: filters with counts, fates with colours, and rows by their names. Tables in, tables out."""
+"""Which rows are shown: filters with counts, colours of reject reasons, and rows by their names.
+
+Tables in, tables out.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +9,18 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from pipeline.records import paths
 from pipeline.records.errors import UserError
+from pipeline.records.sources import SOURCES
 from pipeline.view.tables import HARDER, PREFIXES
 
 # Columns of an index: one line per row of all tables of a view.
-INDEX = ("name", "table", "position", "number", "source", "style", "first", "second", "fate", "outcome")
-FILTERS = ("source", "style", "first", "second", "fate", "outcome")
+# The reason is the reject reason, or why a trial failed; PASSED or SUCCESS where there is none.
+INDEX = ("name", "table", "position", "number", "source", "style", "first", "second", "reason", "outcome")
+FILTERS = ("source", "style", "first", "second", "reason", "outcome")
 ANY = ""  # a filter that lets everything through
 PASSED, REJECTED, SUCCESS, FAILURE = "passed", "rejected", "success", "failure"
-FOUND, NO_FATE = (0.16, 0.58, 0.44), (0.45, 0.55, 0.70)
-# Of fates that are no success, in the order of the alphabet (Okabe and Ito's colours, and darker ones of them).
+FOUND, NO_REASON = (0.16, 0.58, 0.44), (0.45, 0.55, 0.70)
+# Of reject reasons and reasons of failure, in alphabetical order (Okabe and Ito's colours, and darker ones of them).
 FAILED = (
     (0.84, 0.37, 0.00),
     (0.34, 0.71, 0.91),
@@ -42,7 +46,7 @@ def selected(index: pd.DataFrame, filters: Mapping[str, str]) -> pd.DataFrame:
 
 
 def choices(index: pd.DataFrame, filters: Mapping[str, str], column: str) -> dict[str, int]:
-    """Return the values that ``column`` has, with how many rows each would leave beside the other filters.
+    """Return the values that ``column`` has, with how many rows each would leave together with the other filters.
 
     A value that is chosen is always there, if need be with 0 rows.
     """
@@ -55,19 +59,19 @@ def choices(index: pd.DataFrame, filters: Mapping[str, str], column: str) -> dic
     return found
 
 
-def fate_colours(fates: Sequence[str]) -> dict[str, Colour]:
-    """Return a colour per fate; the same set of fates gives the same colours."""
+def reason_colours(reasons: Sequence[str]) -> dict[str, Colour]:
+    """Return a colour per reason, ``PASSED`` and ``SUCCESS`` among them; the same set gives the same colours."""
     colours: dict[str, Colour] = {PASSED: FOUND, SUCCESS: FOUND}
-    failed = sorted(set(fates) - set(colours) - {""})
-    colours |= {fate: FAILED[place % len(FAILED)] for place, fate in enumerate(failed)}
-    return {fate: colours.get(fate, NO_FATE) for fate in dict.fromkeys(fates)}
+    failed = sorted(set(reasons) - set(colours) - {""})
+    colours |= {reason: FAILED[place % len(FAILED)] for place, reason in enumerate(failed)}
+    return {reason: colours.get(reason, NO_REASON) for reason in dict.fromkeys(reasons)}
 
 
 def counted(index: pd.DataFrame) -> dict[str, int]:
-    """Return how many rows share each fate, the good ones first, then the most frequent."""
-    counts = index["fate"].value_counts()
-    order = sorted(counts.index, key=lambda fate: (fate not in (PASSED, SUCCESS), -counts[fate], fate))
-    return {str(fate): int(counts[fate]) for fate in order}
+    """Return how many rows share each reason, those without one first, then the most frequent."""
+    counts = index["reason"].value_counts()
+    order = sorted(counts.index, key=lambda reason: (reason not in (PASSED, SUCCESS), -counts[reason], reason))
+    return {str(reason): int(counts[reason]) for reason in order}
 
 
 def page_of(count: int, place: int, size: int) -> tuple[int, int]:
@@ -79,11 +83,11 @@ def page_of(count: int, place: int, size: int) -> tuple[int, int]:
 def tidy_name(text: str) -> str:
     """Return the name of a row as the index writes it.
 
-    Taken too: names of trials as the report and `./dev replay` write them (``synthesized/cube/soup_can/3``), and paths
-    of tables (``data/merge/cube.parquet``).
+    Also accepted: names of trials as the report and `./dev replay` write them (``synthesized/cube/soup_can/3``), and
+    paths of tables (``data/merge/cube.parquet``).
     """
     parts = text.strip().strip("/").removeprefix("data/").removesuffix(".parquet").split("/")
-    if parts[0] in (*paths.SOURCES, paths.RECONSTRUCTED, HARDER.strip("/")):
+    if parts[0] in (*SOURCES, HARDER.strip("/")):
         parts.insert(0, "evaluate")
     if parts[0] == "reconstruct" and parts[2:3] == ["objects"]:
         del parts[2]

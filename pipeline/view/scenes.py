@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.evaluate.scene import SPONGE_SIZE, SPONGE_X, TABLE_SIZE, TABLE_X
 from pipeline.hand.kinematics import link_poses, points_on_links
 from pipeline.hand.model import Hand, load_hand
+from pipeline.pictures.colours import OBJECT_COLOURS, SPONGE_COLOUR
 from pipeline.pictures.decimation import Mesh
-from pipeline.pictures.table_scene import SPONGE_COLOUR
-from pipeline.plan.playback import COLOURS as OBJECT_COLOURS
 from pipeline.records.objects import PreparedObject
 from pipeline.records.poses import inverse_pose, pose_matrix, transform_points
 from pipeline.records.reconstructions import ReconstructedObject
+from pipeline.shapes.rays import ray_scene
+from pipeline.shapes.workplace import SPONGE_SIZE, SPONGE_X, TABLE_SIZE, TABLE_X
 from pipeline.view.drawing import Cloud, Drawing, Lines, Solid, grid, translations
 from pipeline.view.rows import FAILED, Colour
 from pipeline.view.shapes import COARSE_OBJECT, MANY_OBJECT, ONE_OBJECT, fewer_faces, hands, robot, sticks
@@ -49,7 +49,7 @@ JOINTS = {"grasp": "q", "squeeze": "squeeze_q", "open": "open_q", "open first": 
 
 @dataclass(frozen=True)
 class Layers:
-    """What is drawn beside the grasp itself."""
+    """What is drawn besides the grasp itself."""
 
     contacts: bool = True
     samples: bool = False  # of the object's surface
@@ -228,7 +228,7 @@ def merged_grasps(
         opacity, most_faces = FAINT, COARSE_OBJECT
     else:
         drawing = Drawing(hands(T_world_hand, q, colours, opacity))
-    for slot, colour in enumerate(OBJECT_COLOURS):
+    for slot, colour in enumerate(OBJECT_COLOURS[:2]):
         T = np.array([pose_matrix(r[f"position_hand_object{slot}"], r[f"quaternion_hand_object{slot}"]) for r in rows])
         T_world_object = T_world_hand @ T
         for name in dict.fromkeys(row[f"object{slot}"] for row in rows):
@@ -273,7 +273,7 @@ def _box(name: str, size: Sequence[float], centre: Sequence[float], colour: Colo
 
 
 def _three_columns(count: int, spacing: float) -> NDArray[np.float64]:
-    """Return places (count, 3, 3): three beside each other per row."""
+    """Return places (count, 3, 3): three side by side per row."""
     return grid(3 * count, spacing, columns=3).reshape(count, 3, 3)
 
 
@@ -337,13 +337,5 @@ def reconstructions(
 
 def distance_to_mesh(points: NDArray[np.float64], mesh: Mesh) -> NDArray[np.float64]:
     """Return how far ``points`` (n, 3) are from the nearest point of a mesh, (n,), m; both in one frame."""
-    import open3d
-
-    rays = open3d.t.geometry.RaycastingScene(nthreads=1)
-    vertices, faces = mesh
-    rays.add_triangles(
-        open3d.core.Tensor(vertices.astype(np.float32)),
-        open3d.core.Tensor(np.ascontiguousarray(faces.astype(np.uint32))),
-    )
-    found = rays.compute_distance(open3d.core.Tensor(points.astype(np.float32)), nthreads=1)
-    return found.numpy().astype(np.float64)
+    found = ray_scene(mesh).compute_distance(points.astype(np.float32), nthreads=1)
+    return np.asarray(found.numpy(), np.float64)

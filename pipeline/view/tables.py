@@ -16,6 +16,7 @@ from pipeline.hand.model import load_hand
 from pipeline.records import paths
 from pipeline.records.parameters import Parameters
 from pipeline.records.parameters.harder import overridden
+from pipeline.records.sources import SOURCES
 from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED, of_hand
 
 OBJECTS, CANDIDATES_VIEW, VALIDATED_VIEW = "objects", "candidates", "validated grasps"
@@ -26,13 +27,10 @@ PREFIXES = {
     "prepare": OBJECTS,
     "synthesize": CANDIDATES_VIEW,
     "validate": VALIDATED_VIEW,
-    "merge": MERGED_VIEW,
-    "sample": MERGED_VIEW,
+    **{source.folder.parts[1]: MERGED_VIEW for source in SOURCES.values()},
     "evaluate": TRIALS_VIEW,
     "reconstruct": RECONSTRUCTIONS,
 }
-# How the names of the grasps of a source begin.
-GRASP_FOLDERS = {"synthesized": "merge", "learned": "sample/learned", paths.RECONSTRUCTED: "sample/reconstructed"}
 HARDER = "harder/"  # how the sources of harder trials begin
 
 
@@ -90,15 +88,16 @@ def _grasps(parameters: Parameters) -> list[Table]:
 def _firsts(parameters: Parameters) -> dict[str, list[str]]:
     """The first objects of all pairs, by source."""
     firsts = [first for first, seconds in parameters.partners().items() if seconds]
-    return {**dict.fromkeys(paths.SOURCES, firsts), paths.RECONSTRUCTED: list(parameters.reconstructed)}
+    reconstructed = list(parameters.reconstructed)
+    return {name: firsts if source.of_all_pairs else reconstructed for name, source in SOURCES.items()}
 
 
 def _pairs(parameters: Parameters) -> list[Table]:
     return [
         Table(
             MERGED_VIEW,
-            paths.merged_file(first) if source == "synthesized" else paths.sampled_file(source, first),
-            "merge" if source == "synthesized" else f"sample@{source}",
+            SOURCES[source].table(first),
+            SOURCES[source].stage,
             MERGED,
             "merged_id",
             source,

@@ -18,7 +18,7 @@ def test_sections_exist_in_the_committed_parameters(repository: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--object", "teapot"), "styles.pinch does not name 'teapot'"),
+        (("--object", "teapot"), "styles.pinch does not list 'teapot'"),
         (("--object", "cube", "--source", "reconstructed"), "data/prepare/cube/object.json is missing"),
         (("--object", "duck", "--source", "reconstructed"), "there is no object 'duck' under `reconstructed`"),
         (("--object", "cube"), "run `dvc repro prepare`"),

@@ -13,7 +13,7 @@ from pipeline.evaluate.scene import build_scene, placed, placement_offsets
 from pipeline.evaluate.trial import run_trial, trial_inputs
 from pipeline.hand.allegro import RING_JOINTS
 from pipeline.hand.moves import finger_joints
-from pipeline.physics.bodies import Body
+from pipeline.physics.sapien_bodies import SapienBody
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.poses import inverse_pose, pose_matrix
@@ -119,7 +119,7 @@ def test_no_grasp_at_all_is_a_reason_of_its_own(trial_input) -> None:
 
 
 def test_object_that_physics_loses_is_no_success(trial_input, monkeypatch) -> None:
-    monkeypatch.setattr(Body, "pose", property(lambda body: np.full((4, 4), np.nan)))
+    monkeypatch.setattr(SapienBody, "pose", property(lambda body: np.full((4, 4), np.nan)))
     row = run_trial(trial_input())
     assert (row["reason"], row["phase"], row["success"]) == ("simulation diverged", "settle", False)
 

@@ -1,7 +1,7 @@
 import numpy as np
 
 from pipeline.hand.allegro import FINGER_JOINTS, load_hand
-from pipeline.hand.approach import approach_directions, choose_approach, open_postures
+from pipeline.hand.approach import HandAtObject, approach_directions, choose_approach, open_postures
 from pipeline.hand.kinematics import link_poses, points_on_links
 from tests.physics.shapes import prepared_box
 
@@ -25,7 +25,7 @@ def facing_down(height: float) -> np.ndarray:
 def test_opening_moves_contacts_horizontally_away_from_the_axis() -> None:
     T = facing_down(0.15)
     contacts = np.concatenate([tip_candidates("index"), tip_candidates("thumb")])
-    first = next(open_postures(HAND, T, REST, "pinch", contacts, 0.015))
+    first = next(open_postures(HandAtObject(HAND, "pinch", T, REST, contacts), 0.015))
     untouched = [*FINGER_JOINTS["middle"], *FINGER_JOINTS["ring"]]
     np.testing.assert_array_equal(first[untouched], REST[untouched])
     assert (first >= HAND.lower - 1e-12).all() and (first <= HAND.upper + 1e-12).all()
@@ -53,9 +53,11 @@ def test_directions_are_unit_and_begin_with_the_line_to_the_hand() -> None:
 def test_far_hand_touches_nothing_and_a_buried_one_is_counted() -> None:
     box = prepared_box((0.03, 0.03, 0.05))
     contacts = tip_candidates("index")
-    free = choose_approach(HAND, box, facing_down(0.30), REST, "pinch", contacts, 0.015)
+    free, sunk = (
+        choose_approach(HandAtObject(HAND, "pinch", facing_down(height), REST, contacts), box, 0.015, [0.05])
+        for height in (0.30, 0.03)
+    )
     assert free.penetrations == 0 and free.length == 0.05
-    sunk = choose_approach(HAND, box, facing_down(0.03), REST, "pinch", contacts, 0.015)
     assert sunk.penetrations > 20  # fingers below the table
 
 
@@ -69,8 +71,7 @@ def test_what_the_hand_carries_is_swept_too() -> None:
     held = prepared_box((0.04, 0.04, 0.04))
     carried = np.eye(4)
     carried[:3, 3] = 0.08, 0.0, -0.02  # right inside the box
-    alone = choose_approach(HAND, box, T, straight, "side", contacts, 0.03, lengths=[0.2, 0.07])
-    both = choose_approach(
-        HAND, box, T, straight, "side", contacts, 0.03, lengths=[0.2, 0.07], carried=[(held, carried)]
-    )
+    grasp = HandAtObject(HAND, "side", T, straight, contacts)
+    alone = choose_approach(grasp, box, 0.03, [0.2, 0.07])
+    both = choose_approach(grasp, box, 0.03, [0.2, 0.07], carried=[(held, carried)])
     assert both.penetrations > alone.penetrations + 100

@@ -102,27 +102,27 @@ def test_moves_use_the_fingers_of_the_description(toy: Hand) -> None:
 
 
 BROKEN = [
-    ({"joints": ["left_turn", "left_turn"]}, "joints names a joint twice"),
-    ({"joints": description()["joints"][:-1]}, "names 'far_bend', which is not in joints"),
-    ({"joints": [*description()["joints"], "wrist"]}, "the joint 'wrist' is in no finger; name it in one"),
+    ({"joints": ["left_turn", "left_turn"]}, "joints lists a joint twice"),
+    ({"joints": description()["joints"][:-1]}, "'far_bend' is not in joints"),
+    ({"joints": [*description()["joints"], "wrist"]}, "the joint 'wrist' is in no finger"),
     ({"tips": ["left_pad"]}, "tips names the link 'left_pad', which toy.urdf does not have"),
-    ({"opposing": ["thumb"]}, "opposing names 'thumb', which is no finger; there are left, right, far, palm"),
+    ({"opposing": ["thumb"]}, "opposing: 'thumb' is not a finger; use left, right, far, palm"),
     ({"never_meeting": [["plate", "mount"]]}, "never_meeting names the link 'mount', which toy.urdf does not have"),
     ({"urdf": {"path": "other.urdf"}}, "there is no URDF .*other.urdf; correct `urdf` there"),
     ({"urdf": {"package": "no_such", "path": "x.urdf"}}, "the package no_such is not installed"),
     ({"shapes": {"left_tip": {"boxes": [{"centre": [0, 0, 0.02], "size": [0.02, 0.01, 0.03]}]}}}, "has no ball 0"),
     ({"contacts": {"plate": [{"points": [[0, 0, 0.02]], "normals": [[0, 0, 1]]}]}}, "0 is 10.0 mm off the link's"),
     ({"contacts": {"left_mount": [{"points": [[0, 0, 0]], "normals": [[0, 0, 1]]}]}}, "in no finger; add it to one"),
-    ({"contacts": {"left_tip": [{"normal": "+x"}]}}, "give exactly one of grid, cap, points"),
+    ({"contacts": {"left_tip": [{"normal": "+x"}]}}, "give exactly one of grid, cap and points"),
     (
         {"contacts": {"left_tip": [{"cap": {**description()["contacts"]["left_tip"][1]["cap"], "front": "+z"}}]}},
-        "front must be at a right angle to axis",
+        "front must be perpendicular to axis",
     ),
     ({"styles": {"pinch": {**description()["styles"]["pinch"], "posture": [0.0]}}}, "posture needs 6 angles"),
-    ({"styles": {"pinch": {**description()["styles"]["pinch"], "held": ["ring"]}}}, "held names 'ring', which is no f"),
+    ({"styles": {"pinch": {**description()["styles"]["pinch"], "held": ["ring"]}}}, "held: 'ring' is not a finger"),
     ({"styles": {"hook": description()["styles"]["pinch"]}}, "styles.hook"),
     ({"colour": "red"}, "colour: unknown field"),
-    ({"fingers": {"left+right": {"links": ["plate"]}}}, "the finger name 'left\\+right': use small letters"),
+    ({"fingers": {"left+right": {"links": ["plate"]}}}, "the finger name 'left\\+right': use lower-case letters"),
 ]
 
 

@@ -102,7 +102,7 @@ def test_an_object_that_is_not_pinched_is_named(
 ) -> None:
     monkeypatch.setattr("sys.argv", ["merge", "--object", "cylinder"])
     assert stage.main() == 2
-    assert "merge: params.yaml: styles.pinch does not name 'cylinder'" in capsys.readouterr().err
+    assert "merge: params.yaml: styles.pinch does not list 'cylinder'" in capsys.readouterr().err
 
 
 def test_missing_input_is_one_sentence_and_leaves_the_old_result(project: Path, capsys: pytest.CaptureFixture) -> None:

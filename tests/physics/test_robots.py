@@ -8,7 +8,7 @@ from pipeline.hand.kinematics import link_poses
 from pipeline.hand.model import load_hand as load_described_hand
 from pipeline.hand.robot import ROBOT_JOINT_NAMES
 from pipeline.hand.surface import T_LINK7_HAND
-from pipeline.physics.robots import add_robot
+from pipeline.physics.engine import pressing_links, steps_in
 from pipeline.physics.world import make_world
 from pipeline.records.parameters.hand import known_hands
 from pipeline.records.parameters.physics import PhysicsParameters
@@ -33,7 +33,7 @@ def test_hand_forward_kinematics_agree_with_the_hand_model(name: str) -> None:
     for _ in range(3):
         q = rng.uniform(hand.lower, hand.upper)
         T_world_hand = random_pose(rng)
-        robot = add_robot(make_world(SETTINGS), SETTINGS, False, T_world_hand, q, hand)
+        robot = make_world(SETTINGS).add_hand(hand, T_world_hand, q)
         assert robot.joint_names == hand.joint_names
         np.testing.assert_allclose(robot.q, q, atol=1e-6)
         expected = T_world_hand @ link_poses(hand, q[None])[0]
@@ -45,7 +45,7 @@ def test_arm_and_hand_follow_the_mount_and_the_joint_names() -> None:
     hand = load_hand()
     rng = np.random.default_rng(4)
     q = np.concatenate([ARM_REST + rng.uniform(-0.3, 0.3, 7), rng.uniform(hand.lower, hand.upper)])
-    robot = add_robot(make_world(SETTINGS), SETTINGS, True, np.eye(4), q)
+    robot = make_world(SETTINGS).add_arm(hand, q)
     assert robot.joint_names == ROBOT_JOINT_NAMES
     np.testing.assert_allclose(robot.link_pose("panda_link7") @ T_LINK7_HAND, robot.link_pose("base_link"), atol=1e-6)
     expected = robot.link_pose("base_link") @ link_poses(hand, q[None, 7:])[0]
@@ -60,17 +60,14 @@ def test_drives_reach_targets_without_gravity_error(arm: bool) -> None:
     start = np.concatenate([ARM_REST, middle]) if arm else middle
     target = start + 0.1
     world = make_world(SETTINGS)
-    robot = add_robot(world, SETTINGS, arm, np.eye(4), start)
+    robot = world.add_arm(hand, start) if arm else world.add_hand(hand, np.eye(4), start)
     robot.set_targets(target)
-    world.step(world.steps(2.0))
+    world.step(steps_in(2.0, world.frequency))
     np.testing.assert_allclose(robot.q, target, atol=2e-3)
 
 
 def test_a_blocked_joint_presses_with_the_torque_limit() -> None:
     # index finger straight, tip against a fixed box: force x lever arm of joint_1.0 = hand_torque_limit
-    from pipeline.physics.bodies import add_support
-    from pipeline.physics.contacts import link_impulses, pressing_links
-
     hand = load_hand()
     q = np.clip(np.zeros(16), hand.lower, hand.upper)
     poses = link_poses(hand, q[None])[0]
@@ -79,32 +76,30 @@ def test_a_blocked_joint_presses_with_the_torque_limit() -> None:
     box[:3, 3] = tip + [0.012 + 0.0205, 0, 0.02]  # its lower edge beside the tip's centre
     settings = PhysicsParameters(tip_static_friction=0, tip_dynamic_friction=0, support_friction=0)
     world = make_world(settings, np.zeros(3))
-    robot = add_robot(world, settings, False, np.eye(4), q)
-    support = add_support(world, settings, [0.02, 0.02, 0.02], box, kinematic=False)
+    robot = world.add_hand(hand, np.eye(4), q)
+    support = world.add_box([0.02, 0.02, 0.02], box, "wall")
     target = q.copy()
     target[1] += 0.5
     robot.set_targets(target)
-    world.step(world.steps(1.0))
+    world.step(steps_in(1.0, world.frequency))
     lever = tip[2] - poses[hand.link("link_1.0")][2, 3]
-    force = link_impulses(world, support, robot)["link_3.0_tip"] * SETTINGS.frequency
-    assert pressing_links(world, support, robot, 0.01) == {"link_3.0_tip"}
+    force = support.link_impulses()["link_3.0_tip"] * SETTINGS.frequency
+    assert pressing_links(support, 0.01) == {"link_3.0_tip"}
     assert force[0] == pytest.approx(SETTINGS.hand_torque_limit / lever, rel=0.02)
 
 
 def test_a_test_repeats_bit_for_bit(cube) -> None:  # type: ignore[no-untyped-def]
-    from pipeline.physics.bodies import add_object
-
     def run() -> bytes:
         hand = load_hand()
         q = (hand.lower + hand.upper) / 2
         world = make_world(SETTINGS)
-        robot = add_robot(world, SETTINGS, False, np.eye(4), q)
+        robot = world.add_hand(hand, np.eye(4), q)
         T = np.eye(4)
         T[:3, 3] = 0.06, 0.0, 0.06
-        body = add_object(world, cube, SETTINGS, T)
+        body = world.add_object(cube, T, "cube")
         robot.set_targets(hand.upper)
         world.step(150)
-        return robot.q.tobytes() + robot.articulation.qvel.tobytes() + body.pose.tobytes()
+        return robot.q.tobytes() + body.pose.tobytes()
 
     assert run() == run()
 

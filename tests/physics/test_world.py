@@ -1,13 +1,17 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from pipeline.physics.bodies import add_object, add_support
-from pipeline.physics.world import GRAVITY, make_world
+from pipeline.physics.engine import GRAVITY
+from pipeline.physics.sapien_bodies import from_sapien
+from pipeline.physics.sapien_world import cpu_world
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
 from tests.physics.shapes import prepared_box
 
 SETTINGS = PhysicsParameters()
+DOWN = GRAVITY * np.array([0, 0, -1])
 
 
 def shifted(x: float = 0, y: float = 0, z: float = 0) -> np.ndarray:
@@ -18,18 +22,18 @@ def shifted(x: float = 0, y: float = 0, z: float = 0) -> np.ndarray:
 
 @pytest.mark.parametrize("direction", [(0, 0, -1), (1, 0, 0), (0, -1, 0)])
 def test_free_fall_follows_gravity(cube: PreparedObject, direction: tuple[int, int, int]) -> None:
-    world = make_world(SETTINGS, GRAVITY * np.array(direction))
-    body = add_object(world, cube, SETTINGS, np.eye(4))
-    world.step(world.steps(0.5))
+    world = cpu_world(SETTINGS, GRAVITY * np.array(direction))
+    body = world.add_object(cube, np.eye(4), "box")
+    world.step(100)
     # n semi-implicit Euler steps: g h^2 n (n + 1) / 2
     expected = GRAVITY * np.array(direction) * 0.5 * 0.5 * (0.5 + 1 / 200)
     np.testing.assert_allclose(body.pose[:3, 3], expected, atol=1e-4)
 
 
 def test_resting_force_is_the_weight_of_the_prepared_mass(cube: PreparedObject) -> None:
-    world = make_world(SETTINGS)
-    support = add_support(world, SETTINGS, [0.2, 0.2, 0.01], shifted(z=-0.01), kinematic=False)
-    body = add_object(world, cube, SETTINGS, shifted(z=0.021))
+    world = cpu_world(SETTINGS, DOWN)
+    support = world.add_box([0.2, 0.2, 0.01], shifted(z=-0.01), "support")
+    body = world.add_object(cube, shifted(z=0.021), "box")
     world.step(40)
     weight = 0.042**3 * 500 * GRAVITY
     (contact,) = world.system.get_contacts()
@@ -43,9 +47,9 @@ def test_resting_force_is_the_weight_of_the_prepared_mass(cube: PreparedObject) 
 def test_sliding_threshold_is_the_average_friction(cube: PreparedObject, slope: float, slides: bool) -> None:
     # object 0.9 and support 0.5 average to 0.7
     angle = np.arctan(slope)
-    world = make_world(SETTINGS, GRAVITY * np.array([np.sin(angle), 0, -np.cos(angle)]))
-    add_support(world, SETTINGS, [0.5, 0.5, 0.01], shifted(z=-0.01))
-    body = add_object(world, cube, SETTINGS, shifted(z=0.021))
+    world = cpu_world(SETTINGS, GRAVITY * np.array([np.sin(angle), 0, -np.cos(angle)]))
+    world.add_carrier([0.5, 0.5, 0.01], shifted(z=-0.01), "support")
+    body = world.add_object(cube, shifted(z=0.021), "box")
     world.step(200)
     assert (body.pose[0, 3] > 0.01) == slides
 
@@ -54,13 +58,8 @@ def test_spin_about_principal_axes_uses_the_prepared_inertia() -> None:
     box = prepared_box((0.02, 0.05, 0.11))
     turn = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
     tilted = np.array([[np.cos(0.3), -np.sin(0.3), 0], [np.sin(0.3), np.cos(0.3), 0], [0, 0, 1]]) @ turn
-    from dataclasses import replace
-
-    world = make_world(SETTINGS, np.zeros(3))
-    body = add_object(world, replace(box, inertia=tilted @ box.inertia @ tilted.T), SETTINGS, np.eye(4))
-    axes = np.eye(4)
-    from pipeline.physics.world import from_sapien
-
+    world = cpu_world(SETTINGS, np.zeros(3))
+    body = world.add_object(replace(box, inertia=tilted @ box.inertia @ tilted.T), np.eye(4), "box")
     axes = from_sapien(body.component.cmass_local_pose)[:3, :3]
     np.testing.assert_allclose(
         axes @ np.diag(body.component.inertia) @ axes.T, tilted @ box.inertia @ tilted.T, atol=1e-9
@@ -69,9 +68,9 @@ def test_spin_about_principal_axes_uses_the_prepared_inertia() -> None:
 
 
 def test_kinematic_support_carries_what_stands_on_it(cube: PreparedObject) -> None:
-    world = make_world(SETTINGS)
-    support = add_support(world, SETTINGS, [0.1, 0.1, 0.01], shifted(z=-0.01))
-    body = add_object(world, cube, SETTINGS, shifted(z=0.021))
+    world = cpu_world(SETTINGS, DOWN)
+    support = world.add_carrier([0.1, 0.1, 0.01], shifted(z=-0.01), "support")
+    body = world.add_object(cube, shifted(z=0.021), "box")
     for step in range(200):
         support.carry_to([0.05 * (step + 1) / 200, 0, -0.01])
         world.step()

@@ -6,7 +6,7 @@ from pipeline.hand.allegro import load_hand
 from pipeline.hand.kinematics import link_poses
 from pipeline.hand.surface import hand_surface
 from pipeline.pictures.camera import framing, look_at
-from pipeline.pictures.picture import captioned, png_bytes, strip
+from pipeline.pictures.picture import GAP, captioned, png_bytes, strip
 from pipeline.pictures.render import Body, render
 from pipeline.pictures.robot import hand_bodies, robot_bodies
 
@@ -69,7 +69,7 @@ def test_the_same_picture_gives_the_same_bytes():
 
 def test_a_strip_is_as_wide_as_its_pictures():
     pictures = [np.zeros((40, 50, 3), np.uint8)] * 3
-    assert strip(pictures, gap=6).shape == (40, 3 * 50 + 2 * 6, 3)
+    assert strip(pictures).shape == (40, 3 * 50 + 2 * GAP, 3)
 
 
 def test_the_drawn_hand_is_the_hand_of_the_grasps():

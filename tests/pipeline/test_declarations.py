@@ -1,7 +1,6 @@
 """`dvc.yaml` tells the truth: a forgotten input or parameter is a stale result that nobody notices."""
 
 import ast
-import re
 import subprocess
 from pathlib import Path
 
@@ -47,23 +46,20 @@ def test_who_uses_the_hand_depends_on_the_description_of_the_chosen_one(stage):
 
 @pytest.mark.parametrize("room", sorted({*ROOMS} - READ_EVERYTHING))
 def test_a_stage_reads_no_parameter_but_its_sections(room):
-    """Everything goes through ``load_parameters(sections(...))``, but the number of workers, which changes nothing."""
+    """Each function reads params.yaml once, and gets its own sections; pairs follow from sections, too."""
+    allowed = {"load_parameters", "load_with_workers", "chosen_pairs"}
     for source in files_of(room):
-        text = source.read_text()
-        for node in ast.walk(ast.parse(text)):
-            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "load_parameters":
-                argument = node.args[0]
+        tree = ast.parse(source.read_text())
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and node.module == "pipeline.records.parameters":
+                assert {alias.name for alias in node.names} <= allowed, source
+        for function in (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)):
+            called = [node for node in ast.walk(function) if isinstance(node, ast.Call)]
+            reads = [call for call in called if getattr(call.func, "id", "") in allowed - {"chosen_pairs"}]
+            assert len(reads) <= 1, f"{source}: {function.name} reads params.yaml {len(reads)} times"
+            for call in reads:
+                argument = call.args[0]
                 assert isinstance(argument, ast.Call) and getattr(argument.func, "id", "") == "sections", source
-        uses = len(re.findall(r"read_parameters\(", text))
-        assert uses == len(re.findall(r"read_parameters\(\)\.compute\b", text)), f"{source} reads more than compute"
-
-
-@each_room
-def test_who_asks_for_the_pairs_declares_what_they_depend_on(room):
-    asks = any("load_pairs(" in source.read_text() for source in files_of(room))
-    for stage in STAGES:
-        if asks and stage.room == room and not stage.reads_everything and stage.name != "evaluate-harder":
-            assert {"seed", "styles", "pairs"} <= set(stage.parameters) or "reconstructed" in stage.parameters
 
 
 @each_room

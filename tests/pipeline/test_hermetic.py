@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from joblib.externals.loky import get_reusable_executor
 
 from pipeline.records.parameters import Parameters
 from tests.pipeline.conftest import WorkingCopy
@@ -72,7 +73,11 @@ def run_in(folder: str, command: list[str]) -> None:
         os.dup2(printed.fileno(), 1)
         os.dup2(printed.fileno(), 2)
     sys.argv = command[2:]
-    runpy.run_module(command[2], run_name="__main__", alter_sys=True)
+    try:
+        runpy.run_module(command[2], run_name="__main__", alter_sys=True)
+    finally:
+        # This process waits for its children, and does not end them first as a command does.
+        get_reusable_executor().shutdown()
 
 
 @pytest.fixture(scope="module")

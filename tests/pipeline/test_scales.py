@@ -9,8 +9,10 @@ from pydantic import BaseModel
 
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import ObjectParameters, Parameters
+from pipeline.records.parameters.capture import RenderingParameters
 from tools import scales
 from tools.scales import flatten
+from tools.typed_defaults import MISSING, defaults_of
 
 
 @pytest.fixture
@@ -44,6 +46,30 @@ def test_dvc_itself_composes_the_same(fresh):
     assert yaml.safe_load((fresh / "params.yaml").read_text()) == by_dvc
 
 
+def stated(file) -> dict:
+    """Values in a file of conf/, by dotted name."""
+    content = yaml.safe_load(file.read_text())
+    return flatten({name: value for name, value in content.items() if name != "defaults"})
+
+
+def test_a_value_is_a_typed_default_or_in_conf_but_not_both(repository):
+    """Entries of a catalogue, such as objects, are not settings: each is whole, and may have an ordinary value."""
+    rendering = defaults_of(RenderingParameters)
+    defaults = flatten({**defaults_of(Parameters), "renderings": {"demo": rendering, "tiny": rendering}})
+    shared = stated(repository / "conf/config.yaml")
+    assert {defaults[name] for name in shared} == {MISSING}
+    defaults |= shared
+    parents = {"paper": stated(repository / "conf/scale/demo.yaml")}
+    below: set[str] = set()  # set by a file over which this one may be composed
+    for group in ("scale", "hand", "preset"):
+        files = sorted((repository / "conf" / group).glob("*.yaml"))
+        for file in files:
+            replaced = below | set(parents.get(file.stem, {}))
+            repeated = [k for k, v in stated(file).items() if k not in replaced and defaults.get(k, MISSING) == v]
+            assert repeated == [], f"{file.name} repeats what holds without it"
+        below |= {name for file in files for name in stated(file)}
+
+
 @pytest.mark.parametrize("scale", ["demo", "paper", "tiny"])
 def test_every_scale_is_valid_and_states_every_value(project, scale):
     scales.compose(scale, project / "params.yaml")
@@ -68,7 +94,7 @@ def test_the_official_preset_has_the_released_settings_on_any_scale(project, sca
     assert costs.items() <= official["validate"].items()
     chains = official["synthesize"]["optimizer"]
     released = {"step": 0.005, "step_period": 50, "switch_probability": 0.5, "temperature": 18.0, "noise": 0.0}
-    released |= {"temperature_period": 30, "momentum": 0.02, "polish_iterations": 0, "batch_table_term": False}
+    released |= {"temperature_period": 30, "momentum": 0.02, "polish_iterations": 0}
     assert released.items() <= chains.items()
     for style, contacts, clearance in (("pinch", [2, 2, 3], 0.005), ("side", [4], 0.02)):
         settings = official["synthesize"][style]
@@ -88,14 +114,13 @@ def test_the_published_model_changes_the_training_alone(project):
 
 
 def test_every_switch_of_the_synthesis_is_used_by_one_preset(project):
-    """But for the slip of the table term, which no preset repeats."""
     for preset in ("ours", "official"):
         scales.compose("demo", project / f"{preset}.yaml", preset)
     ours, official = (
         flatten(yaml.safe_load((project / f"{name}.yaml").read_text())["synthesize"]) for name in ("ours", "official")
     )
     alike = {name for name, value in ours.items() if isinstance(value, bool) and official[name] == value}
-    assert alike == {"optimizer.batch_table_term"}
+    assert not alike
 
 
 def test_an_unknown_preset_is_answered_with_the_known_ones(project):

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from pipeline.prepare import repair as repair_module
 from pipeline.prepare.repair import repair
 from pipeline.records.errors import UserError
-from pipeline.shapes.distance_grid import ray_scene
+from pipeline.shapes.rays import ray_scene
 
 Mesh = tuple[np.ndarray, np.ndarray]
 CELLS = 48  # of the wrap, which follows a surface to about one cell
@@ -180,7 +180,7 @@ def distance_between(one: Mesh, other: Mesh) -> float:
     found = 0.0
     for (vertices, faces), (to_vertices, to_faces) in ((one, other), (other, one)):
         points = np.concatenate([vertices, vertices[faces].mean(axis=1)]).astype(np.float32)
-        found = max(found, float(ray_scene(to_vertices, to_faces).compute_distance(points).numpy().max()))
+        found = max(found, float(ray_scene((to_vertices, to_faces)).compute_distance(points).numpy().max()))
     return found
 
 

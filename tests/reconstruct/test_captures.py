@@ -58,10 +58,10 @@ def test_a_rendered_capture_is_valid_and_hides_nothing(capture_folder):
         ("tags.yaml", "tags", {999: {"position": [0, 0, 0]}}, "has no tag 999"),
         ("tags.yaml", "tags", {}, "tags.yaml: tags"),
         ("scene.yaml", "objects", {}, "scene.yaml: objects"),
-        ("scene.yaml", "objects.can.box", [60, 60, 80], "is no size in metres"),
+        ("scene.yaml", "objects.can.box", [60, 60, 80], "is not a size in metres"),
         ("scene.yaml", "objects.can.position", [-0.06, -0.04], "overlap"),
         ("scene.yaml", "objects.can.positon", [0, 0], "unknown key"),
-        ("scene.yaml", "objects.can.box", [-0.06, 0.06, 0.08], "is no size in metres"),
+        ("scene.yaml", "objects.can.box", [-0.06, 0.06, 0.08], "is not a size in metres"),
         ("tags.yaml", "tags.0.position", [float("nan"), 0, 0], "finite number"),
         ("tags.yaml", "tags.0", {"position": [0, 0, 0], "quaternion": [0, 0, 0, 0]}, "length 1"),
         ("tags.yaml", "tags.0.quaternion", [1, 0, 0, 0], "not both"),
@@ -78,11 +78,11 @@ def test_wrong_texts_are_refused(copy, file, key, value, words):
     ("text", "words"),
     [
         ("", "is empty"),
-        ("- 1", "is empty or no mapping"),
+        ("- 1", "is empty or not a mapping"),
         ("size: 2026-99-99", "not valid YAML"),
         ("a: " + 5000 * "[", "not valid YAML"),
         ("!!python/object/apply:os.system ['exit 1']", "could not determine a constructor"),
-        ("tags:\n  0: {position: [0, 0, 0]}\n  0: {position: [1, 0, 0]}", "0 is there twice"),
+        ("tags:\n  0: {position: [0, 0, 0]}\n  0: {position: [1, 0, 0]}", "0 occurs twice"),
     ],
 )
 def test_texts_that_are_no_plain_yaml_are_refused(copy, text, words):

@@ -18,7 +18,7 @@ def copy(capture_folder, tmp_path):
 
 def test_a_good_capture_is_called_so(capture_folder, capsys):
     assert main(["check", str(capture_folder)]) == 0
-    assert "nothing wrong was found" in capsys.readouterr().out
+    assert "no problems found" in capsys.readouterr().out
 
 
 def test_blur_exposure_few_photos_and_lonely_tags_are_told(copy, capsys):

@@ -44,67 +44,59 @@ def test_the_committed_file_is_valid(repository):
 
 
 @pytest.mark.parametrize(
-    ("path", "value", "words"),
+    ("path", "value", "named"),
     [
-        ("synthesize.pinch.chains", 0, "synthesize.pinch.chains: Input should be greater than or equal to 1"),
-        ("synthesize.pinch.chains", "many", "synthesize.pinch.chains: Input should be a valid integer"),
-        ("synthesize.pinch.chain", 9, "synthesize.pinch.chain: unknown parameter (misspelt?)"),
-        ("physics.object_friction", float("nan"), "physics.object_friction"),
-        ("evaluatee", {}, "evaluatee: unknown parameter (misspelt?)"),
-        ("seed", -1, "seed: Input should be greater"),
-        ("styles.pinch", ["cube", "dragon"], "styles.pinch names the unknown object 'dragon'; add it to objects"),
-        ("styles.pinch", ["cube", "cube"], "styles.pinch names an object twice"),
-        ("objects.cube.ycb", "018_plum", "objects.cube: name exactly one of ycb, recipe"),
-        ("objects.cube.extents", None, "objects.cube: every recipe needs extents"),
-        ("objects.cube.extents", [0.1, 0.1, -0.1], "objects.cube: extents must be positive"),
-        ("objects.Cube", {"recipe": "box", "extents": [1, 1, 1]}, "object name 'Cube': use small letters"),
-        ("validate.gravity_directions", ["down"], "validate.gravity_directions.0"),
-        ("objects.cube.fit_longest", 0.05, "objects.cube: give extents or fit_longest, not both"),
-        ("objects.plum", {"ycb": "018_plum", "scale": 2.0, "fit_longest": 0.05}, "give scale or fit_longest, not both"),
+        ("synthesize.pinch.chains", 0, "synthesize.pinch.chains: "),
+        ("synthesize.pinch.chains", "many", "synthesize.pinch.chains: "),
+        ("synthesize.pinch.chain", 9, "synthesize.pinch.chain: unknown"),
+        ("physics.object_friction", float("nan"), "physics.object_friction: "),
+        ("evaluatee", {}, "evaluatee: unknown"),
+        ("seed", -1, "seed: "),
+        ("styles.pinch", ["cube", "dragon"], "styles.pinch lists the unknown object 'dragon'"),
+        ("styles.pinch", ["cube", "cube"], "styles.pinch lists an object twice"),
+        ("objects.cube.ycb", "018_plum", "objects.cube: "),
+        ("objects.cube.extents", None, "objects.cube: "),
+        ("objects.cube.extents", [0.1, 0.1, -0.1], "objects.cube: extents"),
+        ("objects.Cube", {"recipe": "box", "extents": [1, 1, 1]}, "'Cube'"),
+        ("validate.gravity_directions", ["down"], "validate.gravity_directions.0: "),
+        ("objects.cube.fit_longest", 0.05, "objects.cube: give extents or fit_longest"),
+        ("objects.plum", {"ycb": "018_plum", "scale": 2.0, "fit_longest": 0.05}, "give scale or fit_longest"),
         ("meshes.mug", {"file": "../mug.stl"}, "meshes.mug.file is not below data/raw"),
         ("meshes.mug", {"file": "/tmp/mug.stl"}, "meshes.mug.file is not below data/raw"),
         ("meshes.mug", {"file": "data/mug.stl"}, "meshes.mug.file is not below data/raw"),
         ("meshes.mug", {"file": "data/raw"}, "meshes.mug.file is not below data/raw"),
         ("meshes.mug", {"file": "data/raw/../mug.stl"}, "meshes.mug.file is not below data/raw"),
-        ("captures.mine", {"folder": "/tmp/photos"}, "captures.mine.folder is neither a rendering's"),
-        ("captures.mine", {"folder": "data/capture/gone"}, "captures.mine.folder is neither a rendering's"),
-        ("captures.mine", {"folder": "data/raw/../photos"}, "captures.mine.folder is neither a rendering's"),
+        ("captures.mine", {"folder": "/tmp/photos"}, "captures.mine.folder"),
+        ("captures.mine", {"folder": "data/capture/gone"}, "captures.mine.folder"),
+        ("captures.mine", {"folder": "data/raw/../photos"}, "captures.mine.folder"),
         ("pairs", 0, "pairs"),
         ("pairs", "some", "pairs"),
-        ("pairs", [["cube", "plum"]], "pairs: cube is not in styles.pinch, or plum is not in styles.side"),
-        ("pairs", [["cube", "soup_can"]] * 2, "pairs names a pair twice"),
-        ("meshes.mug", {"file": "data/raw/mug.stl", "unit": "ell"}, "meshes.mug.unit"),
-        ("objects.cube.file", "data/raw/cube.stl", "objects.cube.file: unknown parameter"),
-        ("meshes.cube", {"file": "data/raw/cube.stl"}, "the name 'cube' is in objects and in meshes"),
-        ("meshes.mug", {"unit": "mm"}, "meshes.mug.file: Field required"),
-        ("evaluate.lift_height", 0.2, "evaluate: lift_height must be larger than success_height"),
+        ("pairs", [["cube", "plum"]], "plum is not in styles.side"),
+        ("pairs", [["cube", "soup_can"]] * 2, "pairs lists a pair twice"),
+        ("meshes.mug", {"file": "data/raw/mug.stl", "unit": "ell"}, "meshes.mug.unit: "),
+        ("objects.cube.file", "data/raw/cube.stl", "objects.cube.file: unknown"),
+        ("meshes.cube", {"file": "data/raw/cube.stl"}, "'cube' is used in both objects and meshes"),
+        ("meshes.mug", {"unit": "mm"}, "meshes.mug.file: "),
+        ("evaluate.lift_height", 0.2, "evaluate: lift_height"),
         ("evaluate.control_frequency", 30, "evaluate.control_frequency must divide physics.frequency (200)"),
-        ("evaluate.shorter_entries", [0.1, -0.1], "evaluate.shorter_entries.1: Input should be greater than 0"),
-        ("merge.approach_lengths", [0.0], "merge.approach_lengths.0: Input should be greater than 0"),
-        (
-            "harder.pairs",
-            [["cube", "lemon"]],
-            "harder.pairs: cube then lemon is no pair of styles and pairs",
-        ),
-        ("harder.pairs", [["cube", "soup_can"]] * 2, "harder: pairs names a pair twice"),
-        ("harder.pairs", [], "harder: pairs is empty, so no setting would be tried"),
+        ("evaluate.shorter_entries", [0.1, -0.1], "evaluate.shorter_entries.1: "),
+        ("merge.approach_lengths", [0.0], "merge.approach_lengths.0: "),
+        ("harder.pairs", [["cube", "lemon"]], "harder.pairs: cube, lemon"),
+        ("harder.pairs", [["cube", "soup_can"]] * 2, "harder: pairs lists a pair twice"),
+        ("harder.pairs", [], "harder: pairs is empty"),
         ("harder.trials", 26, "harder.trials must not exceed evaluate.trials (25)"),
-        ("harder.settings.placement.source", "guessed", "harder.settings.placement.source: Input should be"),
-        ("harder.settings.placement.evaluate.trials", 2, "trials are set by harder.trials for all settings"),
-        ("harder.settings.placement.physics.friction", 1, "placement.physics: friction: unknown parameter (misspelt?)"),
-        (
-            "harder.settings.placement.evaluate.perturbation",
-            9,
-            "placement.evaluate: perturbation: Input should be less",
-        ),
-        ("harder.settings.placement.evaluate.lift_height", 0.1, "lift_height must be larger than success_height"),
-        ("harder.settings.placement.physics.frequency", 400, "frequencies are the same in all settings"),
-        ("harder.settings.Windy", {"source": "synthesized", "evaluate": {}, "physics": {}}, "harder setting 'Windy'"),
-        ("prepare.surface_points", 1000, "synthesize.energy.object_points must not exceed prepare.surface_points"),
+        ("harder.settings.placement.source", "guessed", "harder.settings.placement.source: "),
+        ("harder.settings.placement.evaluate.trials", 2, "harder.settings.placement.evaluate.trials"),
+        ("harder.settings.placement.physics.friction", 1, "harder.settings.placement.physics: friction: unknown"),
+        ("harder.settings.placement.evaluate.perturbation", 9, "harder.settings.placement.evaluate: perturbation: "),
+        ("harder.settings.placement.evaluate.lift_height", 0.1, "harder.settings.placement.evaluate: lift_height"),
+        ("harder.settings.placement.physics.frequency", 400, "harder.settings.placement"),
+        ("harder.settings.Windy", {"source": "synthesized", "evaluate": {}, "physics": {}}, "'Windy'"),
+        ("prepare.surface_points", 1000, "prepare.surface_points"),
     ],
 )
-def test_a_wrong_value_is_named_in_one_sentence(content, check, path, value, words):
-    assert words in check(with_value(content, path, value))
+def test_a_wrong_value_is_named_in_one_sentence(content, check, path, value, named):
+    assert named in check(with_value(content, path, value))
 
 
 @pytest.mark.parametrize("folder", ["data/raw/my_capture", "data/raw/lab/monday/", "data/capture/demo/"])
@@ -135,7 +127,7 @@ def test_a_damaged_file_is_one_sentence(tmp_path, text, words):
 
 
 def test_a_missing_file_is_one_sentence(tmp_path):
-    with pytest.raises(UserError, match="is missing; run in the repository's root"):
+    with pytest.raises(UserError, match="is missing; run in the root of the repository"):
         read_parameters(tmp_path / "params.yaml")
 
 

@@ -19,7 +19,7 @@ import yaml
 from pipeline.evaluate.__main__ import evaluate
 from pipeline.evaluate.scene import START_ARM, START_HAND
 from pipeline.evaluate.trial import run_trial
-from pipeline.physics.bodies import Body
+from pipeline.physics.sapien_bodies import SapienBody
 from pipeline.pictures.camera import look_at
 from pipeline.records import paths
 from pipeline.records.errors import UserError
@@ -244,7 +244,7 @@ def test_trials_are_drawn_from_all_tables(project: Path) -> None:
 
 
 def test_object_that_physics_loses_stays_where_it_was_seen(trial_input, monkeypatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(Body, "pose", property(lambda body: np.full((4, 4), np.nan)))
+    monkeypatch.setattr(SapienBody, "pose", property(lambda body: np.full((4, 4), np.nan)))
     recorder = Recorder()
     assert run_trial(trial_input(), recorder)["reason"] == "simulation diverged"
     monkeypatch.undo()

@@ -41,14 +41,14 @@ def _candidate(index: int, style: str, name: str, rejected_by: str) -> dict:
 
 def candidates(style: str, name: str) -> pd.DataFrame:
     """Four chains, one of which fails the filter."""
-    fates = ["", "", "distance", ""]
-    return _filled(CANDIDATES, [_candidate(index, style, name, fate) for index, fate in enumerate(fates)])
+    checks = ["", "", "distance", ""]
+    return _filled(CANDIDATES, [_candidate(index, style, name, check) for index, check in enumerate(checks)])
 
 
 def validated(style: str, name: str) -> pd.DataFrame:
     """The same chains after physics: one more fails."""
-    fates = ["", "gravity:-x", "distance", ""]
-    rows = [_candidate(index, style, name, fate) for index, fate in enumerate(fates)]
+    checks = ["", "gravity:-x", "distance", ""]
+    rows = [_candidate(index, style, name, check) for index, check in enumerate(checks)]
     for row in rows:
         row["approach_direction"] = [0.0, 0.6, 0.8] if row["rejected_by"] == "" else None
         row["contact_only_pass"] = None if row["rejected_by"] == "distance" else row["rejected_by"] == ""

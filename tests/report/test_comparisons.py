@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pandas as pd
 import pytest
 
@@ -7,10 +9,13 @@ from pipeline.report.comparisons import (
     ABLATION_FILE,
     OBJECTIVES,
     OBJECTIVES_FILE,
-    comparison_part,
+    comparison_table,
     read_comparison,
     write_comparison,
 )
+from pipeline.report.learned import learned_section
+from pipeline.report.wording import UNKNOWN, percent
+from tests.report import made_up
 
 FACTS = {"command": "python benchmarks/made_up.py --pairs 2", "data": "tiny scale: 3 grasps", "commit": "abc"}
 
@@ -34,18 +39,20 @@ def test_a_comparison_comes_back_with_how_it_was_made(file):
 
 
 def test_the_page_names_command_and_data_and_escapes_words(file):
-    html = comparison_part("Title", read_comparison(file, OBJECTIVES), OBJECTIVES, "benchmarks/made_up.py", "Words.")
-    assert FACTS["command"] in html and FACTS["data"] in html
-    assert "&lt;dpm&gt;" in html and "50.0\u202f%" in html and "–" in html and "nan" not in html
+    comparison = read_comparison(file, OBJECTIVES)
+    html = learned_section(replace(made_up.learned("cube", ["can"]), objectives=comparison))
+    assert FACTS["command"] in html and FACTS["data"] in html and "&lt;dpm&gt;" in html
+    table = comparison_table(comparison, OBJECTIVES)
+    assert [len(row) for row in table.rows] == [len(OBJECTIVES)] * 2
+    assert percent(0.5) in table.rows[0] and set(table.rows[1]) == {"a, b", UNKNOWN}
 
 
-def test_where_nothing_is_published_one_sentence_says_so(tmp_path):
+def test_where_nothing_is_published_there_is_no_table(tmp_path):
     assert read_comparison(tmp_path / "missing.csv", ABLATION) is None
     empty = tmp_path / "empty.csv"
     write_comparison(empty, pd.DataFrame(columns=list(ABLATION)), {})
     for comparison in (None, read_comparison(empty, ABLATION)):
-        html = comparison_part("Title", comparison, ABLATION, "benchmarks/made_up.py", "Words.")
-        assert "Nothing is published" in html and "<table" not in html
+        assert comparison_table(comparison, ABLATION) is None
 
 
 def test_a_damaged_file_is_refused_in_one_sentence(file):

@@ -23,7 +23,7 @@ RECONSTRUCTED = {"cube": ("box",)}
 def grasps(first: str, seconds: tuple[str, ...]) -> pd.DataFrame:
     tables = [made_up.merged(first, second, 2 + index) for index, second in enumerate(seconds)]
     rows = pd.concat(tables, ignore_index=True)
-    rows["gravity_drift"] = [None if fate else [0.001, 0.004, 0.002] for fate in rows["rejected_by"]]
+    rows["gravity_drift"] = [None if check else [0.001, 0.004, 0.002] for check in rows["rejected_by"]]
     return rows
 
 

@@ -77,8 +77,8 @@ def test_counts_and_shares_are_those_of_the_tables(content):
     assert [cell.strip() for cell in counts[2]] == ["cube", "2", "0"]
     assert [cell.strip() for cell in rates[2]] == ["cube", "66.7 %", "0.0 %"]
     assert [cell.strip() for cell in singles[2][:4]] == ["cube (pinch)", "4", "2", "1"]  # both merged grasps use one
-    assert "2 two-object grasps of 2 pairs, at least 0 per pair" in card
-    assert "`merge`: 4 combinations tried, 50.0 % accepted." in card
+    assert re.search(r"\n2 two-object grasps of 2 pairs\b.*\b0 per pair", card)
+    assert re.search(r"`merge`: 4 .* 50\.0 %", card)
     assert "| `hand_clearance` | 50.0 % |" in card
 
 

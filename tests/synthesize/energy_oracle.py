@@ -26,7 +26,7 @@ def tensor(values) -> torch.Tensor:
 
 @dataclass
 class OracleResult:
-    terms: torch.Tensor  # (7,)
+    terms: dict[str, float]
     energy: float
     gradient: np.ndarray  # (6 + J,)
     kink_distance: float  # m, how far the nearest kink of the energy is
@@ -172,19 +172,17 @@ class EnergyOracle:
             depths = torch.where(foreign, torch.full((), -1.0, dtype=DTYPE), self.depths(free, R, t))
             keep_out = overlap.clamp(min=0).sum() + self.deepest(depths)
 
-        terms = torch.stack([closure, distance, penetration, table, collision, excess, offset, keep_out])
-        weights = tensor(
-            [
-                energy.weight_force_closure,
-                energy.weight_distance,
-                energy.weight_penetration,
-                energy.weight_penetration,
-                energy.weight_self_penetration,
-                energy.weight_joints,
-                energy.weight_offset,
-                energy.weight_penetration,
-            ]
-        )
-        total = (weights * terms).sum()
+        weighted = {
+            "force_closure": (closure, energy.weight_force_closure),
+            "distance": (distance, energy.weight_distance),
+            "penetration": (penetration, energy.weight_penetration),
+            "table": (table, energy.weight_penetration),
+            "self_penetration": (collision, energy.weight_self_penetration),
+            "joints": (excess, energy.weight_joints),
+            "offset": (offset, energy.weight_offset),
+            "keep_out": (keep_out, energy.weight_penetration),
+        }
+        total = torch.stack([weight * term for term, weight in weighted.values()]).sum()
         total.backward()
-        return OracleResult(terms.detach(), float(total.detach()), dof.grad.numpy(), min(self.kinks))
+        terms = {name: float(term.detach()) for name, (term, _) in weighted.items()}
+        return OracleResult(terms, float(total.detach()), dof.grad.numpy(), min(self.kinks))

@@ -9,13 +9,14 @@ import pytest
 from pipeline.energy.scene import EnergyScene
 from pipeline.hand.allegro import load_hand
 from pipeline.records.parameters import load_parameters
-from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters, StyleParameters
+from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters
 from pipeline.records.tables import CANDIDATES, write_table
 from pipeline.synthesize.__main__ import sections
 from pipeline.synthesize.candidates import Request, first_states, split_chains, synthesize, touching
 from tests.synthesize import shapes
+from tests.synthesize.styles import some_style
 
-SETS = StyleParameters(
+SETS = some_style(
     finger_sets=[["thumb", "index"], ["thumb", "index", "middle"]],
     contacts={"thumb+index": 2, "thumb+index+middle": 3},
     links={"thumb+index+middle": ["link_15.0_tip", "link_3.0_tip", "link_7.0_tip"]},

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.energy.scene import EnergyScene, Grasps, chosen, contact_slots, read_grasps
+from pipeline.energy.contacts import contact_slots
+from pipeline.energy.scene import EnergyScene, Grasps, chosen, read_grasps
 from pipeline.hand.allegro import load_hand
 from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters
 from pipeline.synthesize.chains import launch_chains, run_chains
@@ -154,25 +155,6 @@ def test_the_second_step_remembers_two_percent_of_the_first_mean():
     square = 0.98 * (after**2).mean(0) + 0.02 * 0.98 * (before**2).mean(0)
     step = 0.002 * after / np.sqrt(square + 1e-6)
     np.testing.assert_allclose(twice.position, once.position - step[:, :3], atol=5e-6)
-
-
-def test_the_table_slip_adds_the_sum_of_the_batch_and_multiplies_its_slope():
-    scene, slots, first = problem("pinch", 4)
-    first.position[:, 2] -= 0.5  # under the table
-    without = EnergyScene(STYLES["pinch"][0], EnergyParameters(weight_penetration=0.0), PINCH)
-    terms, slope = scene.evaluate(first)
-    assert (terms.table > 0).sum() >= 2
-    optimizer = PLAIN.model_copy(update={"batch_table_term": True, "step": 1e-9})
-    current, best = scene.states(first), scene.states(first)
-    launch_chains(scene, optimizer, 0, current, best, slots, free_joints(HAND, "pinch", PINCH), np.arange(4))
-    expected = terms.energy + 100 * (terms.table.sum() - terms.table)
-    np.testing.assert_allclose(current.energy.numpy(), expected, rtol=1e-5)
-    # Deep under the table nothing touches the object, so that all of this slope is the table's.
-    assert terms.penetration.max() == 0
-    table_slope = slope - without.evaluate(first)[1]
-    np.testing.assert_allclose(
-        current.gradient.numpy() - slope, 3 * table_slope, rtol=1e-3, atol=1e-3 * np.abs(slope).max()
-    )
 
 
 def test_contacts_may_be_drawn_twice_only_where_that_is_allowed():

@@ -13,10 +13,10 @@ from pipeline.hand.allegro import load_hand
 from pipeline.hand.moves import finger_joints
 from pipeline.records import paths
 from pipeline.records.objects import write_prepared_object
-from pipeline.records.parameters.synthesize import StyleParameters
 from pipeline.records.tables import CANDIDATES, read_table
 from pipeline.synthesize import __main__ as stage
 from tests.synthesize import shapes
+from tests.synthesize.styles import some_style
 
 HAND = load_hand()
 SIDE_POSTURE = np.array(HAND.style("side").posture)
@@ -112,15 +112,15 @@ def test_missing_object_is_one_sentence(workplace, capsys):
         ({"contacts": {"thumb+index": 2, "index+thumb": 2}}, "another order"),
         ({"finger_sets": [["thumb", "thumb"]], "contacts": {"thumb+thumb": 2}}, "twice"),
         ({"links": {"thumb+middle": ["link_3.0"]}}, "thumb\\+middle"),
-        ({"distance_from_palm": [0.2, 0.1]}, "smaller distance first"),
+        ({"distance_from_palm": [0.2, 0.1]}, "the smaller one first"),
     ],
 )
 def test_finger_sets_that_cannot_hold_are_refused(changes, message):
     values = {"finger_sets": [["thumb", "index"]], "contacts": {"thumb+index": 2}} | changes
     with pytest.raises(ValidationError, match=message):
-        StyleParameters(**values)
+        some_style(**values)
 
 
 def test_a_set_that_is_not_in_use_keeps_its_entries():
     contacts, links = {"thumb+index": 2, "thumb+middle": 2}, {"thumb+middle": ["link_7.0"]}
-    assert StyleParameters(finger_sets=[["thumb", "index"]], contacts=contacts, links=links).contacts == contacts
+    assert some_style(finger_sets=[["thumb", "index"]], contacts=contacts, links=links).contacts == contacts

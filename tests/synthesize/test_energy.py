@@ -8,14 +8,15 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.energy.scene import EnergyScene, Grasps
 from pipeline.hand.allegro import load_hand
-from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
+from pipeline.records.parameters.synthesize import EnergyParameters
 from tests.synthesize import shapes
 from tests.synthesize.energy_oracle import EnergyOracle
+from tests.synthesize.styles import some_style
 
-PINCH = StyleParameters(
+PINCH = some_style(
     finger_sets=[["thumb", "index"]], contacts={"thumb+index": 2}, table_clearance=0.005, keep_out_margin=0.002
 )
-SIDE = StyleParameters(
+SIDE = some_style(
     finger_sets=[["ring", "palm"]],
     contacts={"ring+palm": 3},
     table_clearance=0.01,
@@ -70,12 +71,8 @@ def test_terms_and_gradient_equal_autograd(prepared, style, contacts, energy):
     errors, smooth = [], []
     for index in range(len(grasps)):
         truth = oracle(grasps.position[index], rotations[index], grasps.q[index], grasps.contacts[index])
-        mine = [
-            terms.force_closure, terms.distance, terms.penetration, terms.table, terms.self_penetration, terms.joints,
-            terms.offset,
-            terms.keep_out,
-        ]  # fmt: skip
-        np.testing.assert_allclose([term[index] for term in mine], truth.terms, rtol=2e-5, atol=5e-6)
+        for name, value in truth.terms.items():
+            assert getattr(terms, name)[index] == pytest.approx(value, rel=2e-5, abs=5e-6), name
         assert terms.energy[index] == pytest.approx(truth.energy, rel=2e-5)
         error = np.linalg.norm(gradients[index] - truth.gradient) / np.linalg.norm(truth.gradient)
         errors.append(error)

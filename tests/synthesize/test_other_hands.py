@@ -18,6 +18,7 @@ from pipeline.synthesize.candidates import Request, synthesize
 from tests.hand.toy import write_toy
 from tests.synthesize import shapes
 from tests.synthesize.energy_oracle import EnergyOracle
+from tests.synthesize.styles import some_style
 
 SETS = {
     "toy": [["left", "right"], ["left", "right", "far"]],
@@ -33,7 +34,7 @@ def toy(tmp_path_factory: pytest.TempPathFactory) -> Hand:
 def style_of(name: str, **changes: object) -> StyleParameters:
     counts = {"+".join(fingers): len(fingers) for fingers in SETS[name]}
     reach = {"toy": (0.08, 0.14), "dclaw": (0.16, 0.23)}[name]
-    return StyleParameters(
+    return some_style(
         finger_sets=SETS[name], contacts=counts, table_clearance=0.005, distance_from_palm=reach, **changes
     )
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipeline.energy.scene import Grasps, Terms, block_order, contact_shares, contact_slots, force_closure, torque_scale
+from pipeline.energy.arrays import block_order, torque_scale
+from pipeline.energy.contacts import contact_shares, contact_slots, force_closure
+from pipeline.energy.scene import Grasps
 from pipeline.hand.allegro import load_hand
+from pipeline.records.energy_terms import COLUMNS, Terms
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.synthesize import EnergyParameters
 from pipeline.synthesize.scoring import ExactSurface, duplicates, first_failures
@@ -77,8 +78,7 @@ def test_torques_are_measured_in_half_middle_extents():
 
 
 def terms(**values: float) -> Terms:
-    names = [field.name for field in fields(Terms)]
-    return Terms(**{name: np.array([values.get(name, 0.0)]) for name in names})
+    return Terms(**{name: np.array([values.get(name, 0.0)]) for name in COLUMNS})
 
 
 @pytest.mark.parametrize(

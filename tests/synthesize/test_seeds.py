@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pipeline.energy.scene import EnergyScene, Grasps, contact_slots
+from pipeline.energy.contacts import contact_slots
+from pipeline.energy.scene import EnergyScene, Grasps
 from pipeline.hand.allegro import load_hand
 from pipeline.hand.kinematics import link_poses
 from pipeline.hand.moves import finger_joints

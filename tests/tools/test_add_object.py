@@ -109,7 +109,7 @@ def test_a_second_file_of_that_name_needs_force(project, box, capsys):
 def test_a_foreign_file_in_data_raw_is_not_overwritten(project, box, capsys):
     (project / "data/raw").mkdir(parents=True)
     (project / "data/raw/brick.stl").write_text("precious")
-    assert_refused(capsys, project, (box, "--style", "pinch", "--name", "brick"), "brick.stl is another file")
+    assert_refused(capsys, project, (box, "--style", "pinch", "--name", "brick"), "brick.stl is a different file")
 
 
 def test_a_file_that_lies_in_data_raw_already_stays(project, box):
@@ -127,10 +127,10 @@ def test_a_file_that_lies_in_data_raw_already_stays(project, box):
         (("loop.stl",), "is missing"),
         (("text.stl",), "no triangle mesh"),
         (("text.step",), "unknown format"),
-        (("box.stl", "--name", "../box"), "is no object name"),
-        (("box.stl", "--name", "my box"), "is no object name"),
-        (("箱.stl",), "no object name can be made"),
-        (("box.stl", "--name", "cube"), "already; give another --name"),
+        (("box.stl", "--name", "../box"), "is not a valid object name"),
+        (("box.stl", "--name", "my box"), "is not a valid object name"),
+        (("箱.stl",), "no object name"),
+        (("box.stl", "--name", "cube"), "another --name"),
         (("box.stl", "--scale", "2", "--fit-longest", "0.1"), "not both"),
         (("box.stl", "--density", "0"), "--density: "),
         (("box.stl", "--unit", "m"), "looks like mm, set `unit: mm`"),

@@ -1,4 +1,6 @@
-"""Entries in `params.yaml`: added or replaced, and no other byte changed."""
+"""Entries in `params.yaml`: added or replaced, with the user's comments, order and quotes kept."""
+
+import re
 
 import pytest
 import yaml
@@ -6,26 +8,27 @@ import yaml
 from pipeline.records.errors import UserError
 from tools.parameter_text import own_meshes, with_mesh, without_meshes
 
-MUG = {"file": "data/raw/mug.stl", "unit": "mm", "up": "-y", "scale": 0.5}
+MUG = {"file": "data/raw/a: b #1.stl", "unit": "mm", "up": "-y", "scale": 1e-05}  # what YAML could misread
 BLOCK = """\
 # Mine.
 styles:
-  pinch:
-    - cube   # the first
+    pinch:
+      - cube   # the first
 
-  # held by the palm
-  side: []
+    # held by the palm
+    side: []
 meshes: {}   # none yet
+# about track
 track:
-  experiment:   spaced
-  nothing: null
+    experiment:   'spaced'
+    nothing: null
 """
 FLOW = """\
 styles: {pinch: [cube, plum,], side: [
     a,
     b  # the last
   ]}
-meshes: {old: {file: data/raw/old.stl}}
+meshes: {old: {file: "data/raw/old.stl"}}
 """
 LAST = """\
 styles:
@@ -51,26 +54,30 @@ def test_nothing_but_the_entries_changes(text, styles):
     for style in styles:
         expected["styles"][style].append("mug")
     assert yaml.safe_load(after) == expected
-    # Every character that was there still is, in order, but for the empty brackets that now hold something.
+    # Every character that was there still is, in order, but for spaces and what brackets need.
     kept = iter(after)
-    assert all(character in kept for character in text.replace("{}", "").replace("[]", ""))
+    assert all(character in kept for character in re.sub(r"\{\}|\[\]|,\]|\s", "", text))
     assert own_meshes(yaml.safe_load(after))["mug"] == (MUG, styles)
     assert before == (without_meshes(yaml.safe_load(after)) | {"meshes": before["meshes"]})
 
 
+def test_comments_stay_with_what_they_stand_above_or_beside():
+    lines = [line.strip() for line in with_mesh(BLOCK, "mug", MUG, ["pinch"]).splitlines()]
+    assert lines[lines.index("# held by the palm") + 1] == "side: []"
+    assert lines[lines.index("# about track") + 1] == "track:"
+    assert lines[lines.index("- cube   # the first") + 1] == "- mug"
+
+
 def test_the_composed_file_gets_only_new_lines(repository):
     text = (repository / "params.yaml").read_text()
-    after = with_mesh(text, "mug", MUG, ["pinch"])
-    removed = set(text.splitlines()) - set(after.splitlines())
-    assert removed <= {"meshes: {}"}
+    after = with_mesh(text, "mug", {"file": "data/raw/mug.stl", "up": "-y"}, ["pinch"])
+    assert set(text.splitlines()) - set(after.splitlines()) <= {"meshes: {}"}
     assert set(after.splitlines()) - set(text.splitlines()) == {
         "  - mug",
         "meshes:",
         "  mug:",
         "    file: data/raw/mug.stl",
-        "    unit: mm",
         "    up: -y",
-        "    scale: 0.5",
     }
 
 
@@ -79,15 +86,16 @@ def test_an_entry_is_replaced_in_its_styles():
     twice = with_mesh(once, "mug", {"file": "data/raw/mug.obj"}, ["pinch"])
     assert yaml.safe_load(twice)["meshes"] == {"mug": {"file": "data/raw/mug.obj"}}
     assert yaml.safe_load(twice)["styles"]["pinch"] == ["cube", "mug"]
-    assert yaml.safe_load(with_mesh(twice, "mug", MUG, ["pinch"])) == yaml.safe_load(once)
+    assert with_mesh(twice, "mug", MUG, ["pinch"]) == once
 
 
-def test_values_that_yaml_would_misread_are_quoted():
-    entry = {"file": "data/raw/a: b #1.stl", "up": "+y"}
-    assert yaml.safe_load(with_mesh(BLOCK, "mug", entry, []))["meshes"]["mug"] == entry
-
-
-def test_a_text_that_cannot_be_added_to_is_refused_with_what_to_write():
-    text = "common: &names [cube]\nstyles: {pinch: *names, side: *names}\nmeshes: {}\n"
-    with pytest.raises(UserError, match=r"write `mug: \{file: .*\}` under meshes, mug in styles.pinch there"):
+@pytest.mark.parametrize(
+    "text",
+    [
+        "common: &names [cube]\nstyles: {pinch: *names, side: *names}\nmeshes: {}\n",
+        "styles: {pinch: [], side: []}\nmeshes: {}\nmeshes: {}\n",
+    ],
+)
+def test_a_text_that_cannot_be_extended_is_refused_with_what_to_write(text):
+    with pytest.raises(UserError, match=r"`mug: \{file: .*\}` under meshes, mug in styles.pinch"):
         with_mesh(text, "mug", MUG, ["pinch"])

@@ -1,4 +1,4 @@
-"""What the site makes of texts that were written for the repository."""
+"""How texts that were written for the repository appear on the site."""
 
 from pathlib import Path
 
@@ -8,7 +8,6 @@ import yaml
 from pipeline.records.parameters import Parameters
 from tools.website import links, reference
 from tools.website.docstrings import one_by_one, without_tags
-from tools.website.hooks import expanded
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -50,12 +49,12 @@ def project(tmp_path) -> Path:
     ],
 )
 def test_links_lead_to_the_pages_of_the_site(project, link, origin, page, expected):
-    assert links.mended(f"see [it]({link}).", origin, page, project) == f"see [it]({expected})."
+    assert links.rewritten(f"see [it]({link}).", origin, page, project) == f"see [it]({expected})."
 
 
 def test_code_is_no_link(project):
     text = "`[a](docs/a.md)`\n\n```\n[a](docs/a.md)\n```\n"
-    assert links.mended(text, "README.md", "index.md", project) == text
+    assert links.rewritten(text, "README.md", "index.md", project) == text
     assert links.targets(text, "README.md") == []
 
 
@@ -63,14 +62,6 @@ def test_a_text_file_becomes_a_page(project):
     assert links.listing(project / "NOTICE") == "# NOTICE\n\n~~~~text\nNames <here>\n~~~~\n"
     assert "~~~~yaml\na: 1\n" in links.listing(project / "conf/x.yaml")
     assert "x.yaml" in links.listing(project / "conf")
-
-
-def test_a_pattern_in_the_navigation_may_fit_nothing():
-    nav = [{"Results": ["metrics.md", "results*.md", "paper*.md"]}, {"Departures": "d.md"}]
-    assert expanded(nav, ["paper-a.md", "paper-b.md"]) == [
-        {"Results": ["metrics.md", "paper-a.md", "paper-b.md"]},
-        {"Departures": "d.md"},
-    ]
 
 
 def test_parameters_explained_together_are_explained_one_by_one():
@@ -86,7 +77,7 @@ def test_names_in_angle_brackets_stay_text():
 
 
 def test_every_parameter_of_the_composed_file_is_in_the_reference():
-    text = reference.parameters(Parameters)
+    text = reference.parameters(Parameters, ROOT)
     sections = dict(part.partition("\n")[::2] for part in text.split("## ")[1:])
 
     def check(value, path: list[str]) -> None:

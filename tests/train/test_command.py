@@ -164,7 +164,7 @@ def test_own_files_give_ranked_grasps_in_the_frames_of_the_files(model, tmp_path
 
 def test_bad_input_is_one_sentence(model, tmp_path, capsys):
     assert sample.main([*LEARNED, "--object", "teapot"]) == 2
-    assert "styles.pinch does not name 'teapot'" in capsys.readouterr().err
+    assert "styles.pinch does not list 'teapot'" in capsys.readouterr().err
     assert sample.main(["--object0", "none.stl", "--object1", "none.stl"]) == 2
     error = capsys.readouterr().err
     assert "none.stl is missing" in error and len(error.strip().splitlines()) == 1

@@ -6,12 +6,20 @@ import pytest
 
 from pipeline.hand.kinematics import link_poses, points_on_links
 from pipeline.physics.holding import Holding
+from pipeline.physics.table_pick import TablePick
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.records.poses import inverse_pose, position_quaternion
 from pipeline.records.tables import CANDIDATES, VALIDATED, read_table, write_table
-from pipeline.validate.grasp_test import Candidate, assigned_links, check_candidate, contact_only, squeeze_target
+from pipeline.validate.checks import (
+    Candidate,
+    assigned_links,
+    check_candidate,
+    contact_only,
+    squeeze_target,
+    table_failure,
+)
 from pipeline.validate.table import candidate_of, validate_table
 from tests.physics.test_holding import HAND, clamped_block
 
@@ -121,10 +129,28 @@ def test_an_object_that_slides_out_of_a_gentle_squeeze_is_rejected(monkeypatch, 
         T[0, 3] += slide
         return q, T
 
-    monkeypatch.setattr("pipeline.validate.grasp_test.settle_grasp", slid)
+    monkeypatch.setattr("pipeline.validate.checks.settle_grasp", slid)
     columns = check_candidate(prepared, candidate, SETTINGS, ValidateParameters(gravity_directions=["-z"]))
     assert columns["rejected_by"] == "settling"
     np.testing.assert_allclose(columns["settling_drift"], slide)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({}, ""),
+        ({"push": 0.1, "in_contact": False}, "table:push"),
+        ({"touched_support": True, "in_contact": False}, "table:touch"),
+        ({"in_contact": False}, "table:drop"),
+        ({"drift": 0.03}, "table:drift"),
+        ({"rotation": 1.0}, "table:drift"),
+        ({"push": np.nan}, "table:push"),
+        ({"drift": np.nan}, "table:drift"),
+    ],
+)
+def test_failures_of_the_tabletop_test_are_named_in_order(changes: dict, reason: str) -> None:
+    fine = TablePick(push=0.0, touched_support=False, drift=0.0, rotation=0.0, in_contact=True)
+    assert table_failure(replace(fine, **changes), ValidateParameters()) == reason
 
 
 def test_contact_only_rule() -> None:

@@ -20,7 +20,9 @@ from pipeline.records.errors import UserError
 from pipeline.records.objects import write_prepared_object
 from pipeline.records.parameters import read_parameters
 from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED, write_table
+from pipeline.report.meanings import VALIDATION
 from pipeline.view import browse, facts, scenes
+from pipeline.view.choice import turned_to
 from pipeline.view.library import Library
 from pipeline.view.page import Page
 from pipeline.view.tables import (
@@ -68,7 +70,7 @@ def page(project: Path):
 
 
 def shown(page: Page, kind: str) -> set[str]:
-    return {name.removeprefix(f"/{kind}/") for name in page._shown if name.startswith(f"/{kind}/")}
+    return {name.removeprefix(f"/{kind}/") for name in page.canvas.shown if name.startswith(f"/{kind}/")}
 
 
 def test_every_missing_table_names_the_stage_that_makes_it(bare: Path) -> None:
@@ -96,20 +98,13 @@ def test_index_names_every_row(project: Path) -> None:
     library = Library(read_parameters())
     validated = library.index(VALIDATED_VIEW)[0]
     assert list(validated["name"][:4]) == [f"validate/pinch/cube/{number}" for number in range(4)]
-    assert list(validated["fate"][:4]) == ["passed", "gravity:-x", "distance", "passed"]
+    assert list(validated["reason"][:4]) == ["passed", "gravity:-x", "distance", "passed"]
     trials = library.index(TRIALS_VIEW)[0].set_index("name")
     assert list(trials.index[:3]) == [f"evaluate/synthesized/cube/soup_can/{number}" for number in range(3)]
     assert list(trials["outcome"][:3]) == ["success", "failure", "failure"]
-    assert trials.loc["evaluate/harder/placement/cube/soup_can/2", "fate"] == "dropped in hold"
+    assert trials.loc["evaluate/harder/placement/cube/soup_can/2", "reason"] == "dropped in hold"
     assert sponge_height(library.parameters, "harder/placement") == 0.07
     assert sponge_height(library.parameters, "learned") == 0.1
-
-
-def test_a_row_is_that_of_the_table(project: Path) -> None:
-    library = Library(read_parameters())
-    line = library.index(MERGED_VIEW)[0].iloc[1]
-    assert line["name"] == "merge/cube/soup_can/1"
-    np.testing.assert_array_equal(library.row(line)["q"], np.full(16, 0.1))
 
 
 def test_pairs_share_a_table_and_have_rows_of_their_own(project: Path) -> None:
@@ -120,6 +115,7 @@ def test_pairs_share_a_table_and_have_rows_of_their_own(project: Path) -> None:
     assert list(index["second"]) == ["soup_can"] * 3 + ["mug"] * 4
     row = library.row(index.loc["merge/cube/mug/2"])
     assert (row["object1"], row["merged_id"]) == ("mug", 2)
+    np.testing.assert_array_equal(row["q"], np.full(16, 0.2))
 
 
 def test_tables_are_read_again_when_they_change_and_only_then(project: Path) -> None:
@@ -130,7 +126,7 @@ def test_tables_are_read_again_when_they_change_and_only_then(project: Path) -> 
     assert len(first) == 3
     write_table(paths.merged_file("cube"), made_up.merged("cube", "soup_can", accepted=1), MERGED)
     assert len(library.index(MERGED_VIEW)[0]) == 2
-    with pytest.raises(UserError, match="has no row 2 any more"):
+    with pytest.raises(UserError, match="row 2"):
         library.row(line)
 
 
@@ -141,76 +137,74 @@ def test_a_damaged_table_is_a_sentence_beside_the_others(project: Path) -> None:
     assert len(sentences) == 1 and "damaged" in sentences[0] and "`dvc repro synthesize@pinch`" in sentences[0]
 
 
-def test_page_begins_with_the_objects(page: Page) -> None:
+def test_page_begins_with_the_objects_and_leads_through_every_view(page: Page) -> None:
+    panel = page.panel
     assert {"object/cube", "object/soup_can", "part/cube/01"} <= shown(page, "solid")
-    assert not page.notice.visible and page.view_choice.value == OBJECTS
-
-
-def test_page_leads_through_every_view(page: Page) -> None:
-    page._act(lambda: page._turn_to(VALIDATED_VIEW))
-    assert page.legend.content.count(": 4<") == 1  # passed; distance: 2, gravity: 2
+    assert not panel.notice.visible and panel.view.value == OBJECTS
+    page.act(lambda: turned_to(VALIDATED_VIEW))
+    assert panel.legend.content.count(": 4<") == 1  # passed; distance: 2, gravity: 2
     assert shown(page, "label") == {f"{number:03d}" for number in range(8)}
-    page._act(lambda: page._filter("fate", "gravity:-x (2)"))
-    assert page.heading.content.startswith("rows 1 to 2 of 2")
-    assert list(page.filter_choices["style"].options) == ["all (2)", "pinch (1)", "side (1)"]
-    page._act(lambda: page._filter("style", "side (1)"))
-    assert page.heading.content.startswith("rows 1 to 1 of 1") and "object/cube" not in shown(page, "solid")
+    page.act(lambda: page.choice.filtered("reason", "gravity:-x"))
+    assert panel.heading.content.startswith("rows 1 to 2 of 2")
+    assert list(panel.filters["style"].options) == ["all (2)", "pinch (1)", "side (1)"]
+    page.act(lambda: page.choice.filtered("style", "side"))
+    assert panel.heading.content.startswith("rows 1 to 1 of 1") and "object/cube" not in shown(page, "solid")
 
     page.go_to("validate/pinch/cube/1")
-    assert page.heading.content == "**validate/pinch/cube/1** (2 of 4)" and "gravity:-x" in page.text.content
-    assert shown(page, "cloud") == {"contacts"} and page.layer_choices["contacts"].visible
-    page._act(lambda: page._step(1))
-    assert page.heading.content == "**validate/pinch/cube/2** (3 of 4)"
-    page._act(lambda: page._step(-3))
-    assert page.heading.content == "**validate/pinch/cube/3** (4 of 4)"
+    assert panel.heading.content == "**validate/pinch/cube/1** (2 of 4)" and "gravity:-x" in panel.text.content
+    assert shown(page, "cloud") == {"contacts"} and panel.layers["contacts"].visible
+    page.act(lambda: page.stepped(1))
+    assert panel.heading.content == "**validate/pinch/cube/2** (3 of 4)"
+    page.act(lambda: page.stepped(-3))
+    assert panel.heading.content == "**validate/pinch/cube/3** (4 of 4)"
 
     page.go_to("merge/cube/soup_can")
-    assert page.heading.content.startswith("rows 1 to 3 of 3") and shown(page, "label") == {"000", "001", "002"}
+    assert panel.heading.content.startswith("rows 1 to 3 of 3") and shown(page, "label") == {"000", "001", "002"}
     page.go_to("merge/cube/soup_can/0")
-    assert page.heading.content == "**merge/cube/soup_can/0** (1 of 3)"
+    assert panel.heading.content == "**merge/cube/soup_can/0** (1 of 3)"
     assert {"object0/cube", "object1/soup_can"} <= shown(page, "solid")
     assert page.related_links == {"pinch": "validate/pinch/cube/0", "side": "validate/side/soup_can/0"}
-    assert page.notice.visible is False or "sample" in page.notice.content
+    assert panel.notice.visible is False or "sample" in panel.notice.content
 
     page.go_to("synthesized/cube/soup_can/1")
-    assert "plan second" in page.text.content and "`./dev replay synthesized/cube/soup_can/1`" in page.text.content
-    assert [text.split(". ")[1] for text in page.moment_choice.options] == ["settle", "close first"]
+    assert "plan second" in panel.text.content and "`./dev replay synthesized/cube/soup_can/1`" in panel.text.content
+    assert [option.split(". ")[1] for option in panel.moment.options] == ["settle", "close first"]
     assert page.related_links == {"its grasp": "merge/cube/soup_can/1"}
     assert "object0/cube" in shown(page, "solid") and not shown(page, "label")
 
 
 def test_page_says_what_it_cannot_show_and_stays(page: Page) -> None:
-    page._act(lambda: page._turn_to(RECONSTRUCTIONS))
-    assert "run `dvc repro reconstruct`" in page.notice.content and not page._shown
+    page.act(lambda: turned_to(RECONSTRUCTIONS))
+    assert "run `dvc repro reconstruct`" in page.panel.notice.content and not page.canvas.shown
     page.go_to("merge/cube/soup_can/9")
-    assert "there is no row" in page.notice.content
+    assert "there is no row" in page.panel.notice.content
     paths.prepared_folder("cube").joinpath("object.json").unlink()
     page.go_to("merge/cube/soup_can/0")
-    assert "run `dvc repro prepare`" in page.notice.content and page.notice.visible
+    assert "run `dvc repro prepare`" in page.panel.notice.content and page.panel.notice.visible
 
 
 def test_a_click_leads_to_the_row(page: Page) -> None:
-    page._act(lambda: page._turn_to(CANDIDATES_VIEW))
+    page.act(lambda: turned_to(CANDIDATES_VIEW))
     where = page.drawing.cells[6]
     page._click(SimpleNamespace(ray_origin=tuple(where + [0, -1, 1]), ray_direction=(0, 1, -1)))
-    assert page.arrangement == scenes.ONE and page.heading.content.startswith("**synthesize/side/soup_can/2**")
+    assert page.choice.arrangement == scenes.ONE and "synthesize/side/soup_can/2" in page.panel.heading.content
 
 
 def test_moving_on_sends_no_mesh_again(page: Page) -> None:
     page.go_to("merge/cube/soup_can/0")
-    before = {name: handle for name, (_, handle) in page._shown.items()}
-    page._act(lambda: page._step(1))
-    assert {name: handle for name, (_, handle) in page._shown.items()} == before
-    tip = page._shown["/solid/hand/05"]
+    before = {name: handle for name, (_, handle) in page.canvas.shown.items()}
+    page.act(lambda: page.stepped(1))
+    assert {name: handle for name, (_, handle) in page.canvas.shown.items()} == before
+    tip = page.canvas.shown["/solid/hand/05"]
     np.testing.assert_allclose(tip[1].batched_positions, tip[0].T_world[:, :3, 3], atol=1e-6)
 
 
-def test_numbers_are_told_in_the_units_that_they_name() -> None:
+def test_numbers_are_in_the_units_that_they_name() -> None:
     row = {"rejected_by": "table:drift", "fingers": "thumb+index", "energy": 0.25, "table_drift": 0.0234}
-    told = facts.grasp_facts(row | {"gravity_drift": np.array([0.001, 0.0123])})
-    assert "**table:drift**: the object moved" in told
-    assert "| table drift | 23.40 mm |" in told and "| energy | 0.250 |" in told
-    assert "| worst gravity drift | 12.30 mm |" in told
+    shown = facts.grasp_facts(row | {"gravity_drift": np.array([0.001, 0.0123])})
+    assert VALIDATION["table:drift"] in shown
+    assert "| table drift | 23.40 mm |" in shown and "| energy | 0.250 |" in shown
+    assert "| worst gravity drift | 12.30 mm |" in shown
     assert facts.replay_command("evaluate/harder/placement/cube/soup_can/2") == ""
 
 
@@ -253,17 +247,17 @@ def first_text(address: str) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "named"),
     [
-        (["merge/cube/soup_can/3"], "data/merge/cube.parquet is missing; run `dvc repro merge`"),
-        (["nonsense"], "'nonsense' names no row"),
-        (["--host", "203.0.113.1"], "nothing can be served on --host 203.0.113.1"),
+        (["merge/cube/soup_can/3"], "`dvc repro merge`"),
+        (["nonsense"], "nonsense"),
+        (["--host", "203.0.113.1"], "203.0.113.1"),
     ],
 )
-def test_command_says_in_one_sentence_why_not(bare: Path, capsys, arguments: list[str], told: str) -> None:
-    assert browse.main(arguments) == browse.UNUSABLE
+def test_command_says_in_one_sentence_why_not(bare: Path, capsys, arguments: list[str], named: str) -> None:
+    assert browse.main(arguments) == 2
     errors = capsys.readouterr().err
-    assert errors.startswith("view: ") and told in errors and errors.count("\n") == 1
+    assert errors.startswith("view: ") and named in errors and errors.count("\n") == 1
 
 
 def test_wrong_port_is_refused(capsys) -> None:

@@ -1,4 +1,4 @@
-"""The documentation as a site of pages (mkdocs): what is made of README.md, of links out of docs/, and of the code.
+"""The documentation site (mkdocs): what is generated from README.md, from links out of docs/, and from the code.
 
 ``./dev docs`` builds it with the settings of ``mkdocs.yml``. No stage imports this room.
 """

@@ -1,4 +1,4 @@
-"""How the reference reads docstrings (an extension of griffe, which parses the code without running it)."""
+"""How the reference reads docstrings: an extension of griffe, which parses the code without running it."""
 
 from __future__ import annotations
 

@@ -1,13 +1,12 @@
-"""What mkdocs calls while it builds the site; ``mkdocs.yml`` names this file."""
+"""Hooks that mkdocs calls while it builds the site; ``mkdocs.yml`` names this file."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 from mkdocs.config.defaults import MkDocsConfig
-from mkdocs.structure.files import File, Files, InclusionLevel
+from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 from pipeline.records.parameters import Parameters
@@ -18,35 +17,14 @@ ASSETS = ("iframe-worker.js", "website.css", "favicon.svg")
 
 
 def made_pages() -> dict[str, str]:
-    """Return the text of every page that is made of the code, by its name."""
+    """Return the text of every page that is generated from the code, by its name."""
     pages = {
         "reference/index.md": reference.index(ROOT),
         "reference/commands.md": reference.commands(ROOT),
-        "reference/parameters.md": reference.parameters(Parameters),
+        "reference/parameters.md": reference.parameters(Parameters, ROOT),
     }
     rooms = reference.rooms(ROOT)
     return pages | {f"reference/{room}.md": reference.room_page(room, modules) for room, modules in rooms.items()}
-
-
-def expanded(nav: Any, names: list[str]) -> Any:
-    """Return a navigation in which names with a ``*`` are replaced by the names that they fit, in their order."""
-    if isinstance(nav, dict):
-        return {title: expanded(entry, names) for title, entry in nav.items()}
-    if not isinstance(nav, list):
-        return nav
-    entries = []
-    for entry in nav:
-        if isinstance(entry, str) and "*" in entry:
-            entries += [name for name in names if Path(name).match(entry)]
-        else:
-            entries.append(expanded(entry, names))
-    return entries
-
-
-def on_config(config: MkDocsConfig) -> None:
-    """Fill in the navigation's patterns."""
-    written = sorted(str(path.relative_to(config.docs_dir)) for path in Path(config.docs_dir).rglob("*.md"))
-    config.nav = expanded(config.nav, [*written, *(f"reference/{room}.md" for room in reference.rooms(ROOT))])
 
 
 def linked_outside(origins: list[str]) -> dict[str, str]:
@@ -74,21 +52,19 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for page, target in linked_outside(origins).items():
         listing = links.listing(ROOT / target)
         if listing is None:
-            file = File.generated(config, page, abs_src_path=str(ROOT / target))
+            files.append(File.generated(config, page, abs_src_path=str(ROOT / target)))
         else:
-            file = File.generated(config, page, content=listing)
-        file.inclusion = InclusionLevel.NOT_IN_NAV
-        files.append(file)
+            files.append(File.generated(config, page, content=listing))
     return files
 
 
 def written(file: File) -> bool:
-    """Whether a page is one of docs/, not made."""
+    """Whether a page is one of docs/, not a generated one."""
     return file.generated_by is None
 
 
 def origin_of(file: File) -> str | None:
-    """Return the file of the repository whose text a page shows; None for a page that is made."""
+    """Return the file of the repository whose text a page shows; None for a generated page."""
     if written(file):
         return links.DOCS + file.src_uri
     if file.src_uri == "index.md":
@@ -98,13 +74,13 @@ def origin_of(file: File) -> str | None:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Mend the links of a page whose text was written for the repository."""
+    """Rewrite the links of a page whose text was written for the repository."""
     origin = origin_of(page.file)
-    return markdown if origin is None else links.mended(markdown, origin, page.file.src_uri, ROOT)
+    return markdown if origin is None else links.rewritten(markdown, origin, page.file.src_uri, ROOT)
 
 
 def on_page_content(content: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Let long names in tables go on in the next line, after a dot, slash or underscore."""
+    """Let long names in tables break after a dot, slash or underscore."""
     return re.sub(
         r"(?<=<td><code>)[^<\s]{24,}(?=</code>)", lambda name: re.sub(r"(?<=[._/])(?=\w|&)", "<wbr>", name[0]), content
     )

@@ -1,4 +1,4 @@
-"""Links of pages: those of README.md and docs/ lead to files of the repository; on the site they must lead to pages."""
+"""Links of README.md and docs/ point to files of the repository; on the site they must point to pages."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from pathlib import Path
 DOCS = "docs/"
 FRONT = "README.md"  # the site's index.md
 OUTSIDE = "repository/"  # where the site keeps files that are not in docs/
-LARGEST_LISTING = 100_000  # bytes; what is larger is offered as it is
-# Not in fenced blocks and spans of code, which come first and are kept.
+LARGEST_LISTING = 100_000  # bytes; larger files are offered as they are
+# Fenced blocks and spans of code match first, and are kept.
 _CODE_OR_LINK = re.compile(r"^(```|~~~).*?^\1|`[^`\n]+`|(?<=\]\()(?P<target>[^)\s]+)(?=\))", re.MULTILINE | re.DOTALL)
 _ELSEWHERE = re.compile(r"[a-z]+:|/|#", re.IGNORECASE)
 
@@ -39,7 +39,7 @@ def page_of(file: str, root: Path) -> str:
 
 
 def listing(path: Path) -> str | None:
-    """Return the page of a file that is no page but can be read as text, or of a folder; None for every other file."""
+    """Return a page that lists a folder, or a text file that is not a page itself; None for every other file."""
     if path.is_dir():
         text = "\n".join(sorted(entry.name for entry in path.iterdir() if not entry.name.startswith(".")))
     elif path.suffix in (".md", ".html", ".svg") or path.stat().st_size > LARGEST_LISTING:
@@ -53,10 +53,10 @@ def listing(path: Path) -> str | None:
     return f"# {html.escape(path.name)}\n\n~~~~{language}\n{text.rstrip()}\n~~~~\n"
 
 
-def mended(markdown: str, origin: str, page: str, root: Path) -> str:
-    """Return the text of the file ``origin`` with links that hold where the site shows it as ``page``.
+def rewritten(markdown: str, origin: str, page: str, root: Path) -> str:
+    """Return the text of the file ``origin`` with links that work where the site shows it as ``page``.
 
-    A link to nothing is kept as it is: the build says so.
+    A broken link is kept as it is: the build reports it.
     """
 
     def replaced(match: re.Match[str]) -> str:

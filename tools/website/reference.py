@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import re
 import subprocess
 from collections.abc import Iterator
@@ -10,16 +11,18 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
+import yaml
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
-from pydantic_core import PydanticUndefined
 
-# The search finds these pages less readily than pages that were written to be read.
+from tools.typed_defaults import MISSING, plain_default
+
+# The search ranks these pages below those that were written to be read.
 _HEADER = "---\ntitle: {title}\nsearch:\n  boost: 0.3\n---\n\n"
 
 
 def rooms(root: Path) -> dict[str, list[str]]:
-    """Return the public modules of every room, by the room's name; a room itself is its first module."""
+    """Return the public modules of every room by the room's name; the room itself comes first."""
     found = {}
     for package in sorted((root / "pipeline").glob("*/__init__.py")):
         files = sorted(package.parent.rglob("*.py"), key=lambda file: (file.name != "__init__.py", file))
@@ -52,7 +55,7 @@ def index(root: Path) -> str:
 
 
 def room_page(room: str, modules: list[str]) -> str:
-    """Return the page of a room: its modules, for mkdocstrings to fill in."""
+    """Return the page of a room: its modules, which mkdocstrings fills in."""
     of_the_room = "    options:\n      heading_level: 1\n"
     parts = [f"::: {module}\n" + (of_the_room if module == room else "") for module in modules]
     return _HEADER.format(title=room) + "\n".join(parts)
@@ -103,32 +106,39 @@ def _models(annotation: Any) -> list[tuple[str, type[BaseModel]]]:
     return [(between + path, model) for part in get_args(annotation) for path, model in _models(part)]
 
 
-def _sections(model: type[BaseModel], path: str) -> Iterator[tuple[str, str, list[str]]]:
-    """Yield every section: its dotted name, what it is, and the rows of its table."""
+def _sections(model: type[BaseModel], path: str, shared: Any) -> Iterator[tuple[str, str, list[str]]]:
+    """Yield every section: its dotted name, what it is, and the rows of its table.
+
+    Args:
+        shared: what ``conf/config.yaml`` gives in this section, for fields that have no default.
+    """
     rows, below = [], []
     for name, field in model.model_fields.items():
         name = field.alias or name
         inner = _models(field.annotation)
-        below += [(f"{path}.{name}{between}".lstrip("."), section) for between, section in inner]
+        own = (shared or {}).get(name)
+        below += [(f"{path}.{name}{between}".lstrip("."), section, own) for between, section in inner]
         if not inner or field.description:
             limits = _range(field)
-            default = "" if field.default is PydanticUndefined else f"`{field.default!r}`"
+            value = plain_default(field) if not field.is_required() or name not in (shared or {}) else own
+            default = "" if value == MISSING else f"`{json.dumps(value)}`"
             kind = "below" if inner else _kind(field.annotation) + (f", {limits}" if limits else "")
             rows.append(f"| `{name}` | {kind} | {default} | {field.description or ''} |".replace("||", "| |"))
     yield path, " ".join((model.__doc__ or "").split()), rows
-    for name, section in below:
-        yield from _sections(section, name)
+    for name, section, own in below:
+        yield from _sections(section, name, own)
 
 
-def parameters(model: type[BaseModel]) -> str:
+def parameters(model: type[BaseModel], root: Path) -> str:
     """Return the page of all parameters of a model such as ``records.parameters.Parameters``."""
+    shared = yaml.safe_load((root / "conf" / "config.yaml").read_text())
     lines = [
         "# Parameters\n",
-        "Every field of `params.yaml`, from the types in `pipeline/records/parameters/` that check it. *Default* is "
-        "of a field that is left out; `./dev compose` writes all fields, with the values of a scale of `conf/`.\n",
+        "Every field of `params.yaml`, from the types in `pipeline/records/parameters/` that check it. `./dev compose` "
+        "writes the value shown, unless a scale, hand or preset of `conf/` gives another.\n",
     ]
-    for path, meaning, rows in _sections(model, ""):
+    for path, meaning, rows in _sections(model, "", shared):
         lines += [f"## {path.replace('<', '&lt;') or 'params.yaml'}\n", meaning + "\n"]
         if rows:
-            lines += ["| field | value | default | meaning |", "|---|---|---|---|", *rows, ""]
+            lines += ["| field | type | value | meaning |", "|---|---|---|---|", *rows, ""]
     return "\n".join(lines) + "\n"

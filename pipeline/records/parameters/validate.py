@@ -1,4 +1,4 @@
-"""`validate`: which candidates survive six gravities and a table."""
+"""`validate`: which candidates hold their object under gravity from six directions and pick it off a table."""
 
 from __future__ import annotations
 
@@ -13,44 +13,76 @@ Direction = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 
 
 class ValidateParameters(Section):
-    """Tests of a single grasp with a floating hand; also used for two objects by `merge`."""
+    """Tests of a single grasp with a floating hand; `merge` applies them to two objects."""
 
     device: Literal["cpu", "cuda"] = Field(
         "cpu",
-        description="Where the six gravities of single grasps run; cuda: all grasps in one scene, has not been tested.",
+        description="Device for the gravity tests of single grasps. `cuda` simulates all grasps in one scene and is "
+        "untested.",
     )
     gravity_directions: list[Direction] = Field(
         ["-x", "-z", "+y", "+x", "+z", "-y"],
         min_length=1,
-        description="Frame of the (first) object, tried in this order: those that reject most come first.",
+        description="Directions of gravity to test, as axes of the (first) object's frame, in this order. Those that "
+        "reject most grasps come first.",
     )
-    gravity_seconds: float = Field(2.5, gt=0, le=20, description="Paper: 2.5.")
+    gravity_seconds: float = Field(
+        2.5, gt=0, le=20, description="[s] Simulated time for each direction of gravity. Paper: 2.5."
+    )
     squeeze_advance: float = Field(
-        0.01, ge=0, le=0.05, description="Contact advance along the inward normal, m. Paper's code: 0.03."
+        0.01,
+        ge=0,
+        le=0.05,
+        description="[m] Distance by which the contacts are commanded into the object along the inward normal when the "
+        "hand squeezes. Paper's code: 0.03.",
     )
     contact_offset: float = Field(
         0.005,
         gt=0,
         le=0.1,
-        description="m, in place of physics.contact_offset in these tests. Paper's code: 0.02.",
+        description="[m] Distance at which PhysX starts to generate contacts in tests with a floating hand; replaces "
+        "physics.contact_offset there. Paper's code: 0.02.",
     )
-    contact_impulse: float = Field(0.01, gt=0, description="N s per step that count as contact. Paper's code: 0.01.")
-    drift_limit: float = Field(0.02, gt=0, description="Largest motion of the object in the hand, m. Paper: no limit.")
+    contact_impulse: float = Field(
+        0.01,
+        gt=0,
+        description="[N s] Minimum impulse in a physics step for a link to count as touching an object. Paper's code: "
+        "0.01.",
+    )
+    drift_limit: float = Field(
+        0.02, gt=0, description="[m] Maximum motion of an object relative to the hand that holds it. Paper: no limit."
+    )
     rotation_limit: float = Field(
-        0.6, gt=0, description="Largest rotation of the object in the hand, rad. Paper: no limit."
+        0.6,
+        gt=0,
+        description="[rad] Maximum rotation of an object relative to the hand that holds it. Paper: no limit.",
     )
-    early_rejection: bool = Field(True, description="Stop a grasp at the first failed check.")
-    table_test: bool = Field(True, description="Also pick the object off a support that is then taken away.")
-    push_limit: float = Field(
-        0.005, gt=0, description="Largest motion of the object before the fingers close, m. Paper: no limit."
+    early_rejection: bool = Field(True, description="Stop testing a grasp after the first check that it fails.")
+    table_test: bool = Field(
+        True, description="Also test whether the hand picks the object off a support that is then removed."
     )
-    approach_length: float = Field(0.05, gt=0, le=0.3, description="Straight line in, m. Paper's code: 0.05.")
     pinch_opening: float = Field(
-        0.015, gt=0, le=0.1, description="Opening of the pinching fingers for the approach, m."
+        0.015,
+        gt=0,
+        le=0.1,
+        description="[m] How far the contact points of a pinch grasp move outwards for the approach.",
     )
-    side_opening: float = Field(0.03, gt=0, le=0.1, description="Opening of the ring finger for the approach, m.")
+    side_opening: float = Field(
+        0.03,
+        gt=0,
+        le=0.1,
+        description="[m] How far the contact points of a side grasp's finger move outwards for the approach.",
+    )
+    push_limit: float = Field(
+        0.005,
+        gt=0,
+        description="[m] Maximum motion of the object during the approach, before the fingers close. Paper: no limit.",
+    )
+    approach_length: float = Field(
+        0.05, gt=0, le=0.3, description="[m] Length of the straight approach to the object. Paper's code: 0.05."
+    )
     most_candidates: int = Field(
-        10000, ge=1, description="Candidates tested per object and style, in order of grasp_id."
+        10000, ge=1, description="Maximum number of candidates tested per object and style, in order of grasp_id."
     )
 
     def for_floating_hand(self, physics: PhysicsParameters) -> PhysicsParameters:

@@ -1,9 +1,9 @@
 """The six-gravity holding test of many grasps at once in one PhysX scene on a CUDA device.
 
 Not tested on a GPU: written against SAPIEN's interface as ManiSkill uses it. What does not need one is shared with the
-CPU and tested there: the rigs (:func:`place_rig`) and the verdicts (``physics.holding``). One scene has one gravity, so
-every rig is turned until the tested direction points down. PhysX on a GPU neither repeats bit for bit nor agrees with
-the CPU, and nothing ends early within a direction.
+CPU and tested there: rigs and verdicts (``physics.holding``). One scene has one gravity, so every rig is turned until
+the tested direction points down. PhysX on a GPU neither repeats bit for bit nor agrees with the CPU, and nothing ends
+early within a direction.
 """
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from sapien import physx
 
-from pipeline.physics.bodies import Body, add_object
-from pipeline.physics.holding import HeldGrasp, Holding, Outcome, gravity_vector, holding_of, judge
-from pipeline.physics.robots import Robot, add_robot
-from pipeline.physics.world import GRAVITY, World, configure, to_sapien
+from pipeline.physics.engine import GRAVITY, steps_in
+from pipeline.physics.holding import HeldGrasp, Holding, Outcome, gravity_vector, holding_of, judge, place_rig
+from pipeline.physics.sapien_bodies import to_sapien
+from pipeline.physics.sapien_world import SapienWorld, configure
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
@@ -49,19 +50,6 @@ def upright_hand(direction: str, T_hand_object: NDArray[np.float64]) -> NDArray[
     return T
 
 
-def place_rig(
-    world: World, settings: PhysicsParameters, grasp: HeldGrasp, T_world_hand: NDArray[np.float64]
-) -> tuple[Robot, list[Body]]:
-    """Add a squeezing hand with its objects in the grasp to a world."""
-    robot = add_robot(world, settings, False, T_world_hand, grasp.q, grasp.hand)
-    robot.set_targets(grasp.squeeze_q)
-    bodies = [
-        add_object(world, held.prepared, settings, T_world_hand @ held.T_hand_object, name=f"object_{index}")
-        for index, held in enumerate(grasp.objects)
-    ]
-    return robot, bodies
-
-
 def hold_all_in_gravities(
     settings: PhysicsParameters, limits: ValidateParameters, grasps: Sequence[HeldGrasp]
 ) -> list[Holding]:
@@ -74,7 +62,7 @@ def hold_all_in_gravities(
     settings = limits.for_floating_hand(settings)
     outcomes: list[list[Outcome]] = [[] for _ in grasps]
     pending = list(range(len(grasps)))
-    steps = max(1, round(limits.gravity_seconds * settings.frequency))
+    steps = steps_in(limits.gravity_seconds, settings.frequency)
     for direction in limits.gravity_directions:
         for begin in range(0, len(pending), RIGS_AT_ONCE):
             chosen = pending[begin : begin + RIGS_AT_ONCE]
@@ -94,9 +82,6 @@ def _hold_rigs(
     steps: int,
 ) -> list[Outcome]:
     """Hold all grasps in one direction, in one PhysX scene."""
-    import sapien
-    from sapien import physx
-
     if not physx.is_gpu_enabled():
         physx.enable_gpu()
     configure(settings, (0.0, 0.0, -GRAVITY))
@@ -106,11 +91,12 @@ def _hold_rigs(
     hands = [upright_hand(direction, grasp.objects[0].T_hand_object) for grasp in grasps]
     rigs = []
     for index, (grasp, T_world_hand) in enumerate(zip(grasps, hands, strict=True)):
-        scene = sapien.Scene([system])
-        system.set_scene_offset(scene, [RIG_SPACING * (index % columns), RIG_SPACING * (index // columns), 0.0])
-        rigs.append(place_rig(World(scene, system, settings), settings, grasp, T_world_hand))
+        rig = SapienWorld(settings, system)
+        system.set_scene_offset(rig.scene, [RIG_SPACING * (index % columns), RIG_SPACING * (index // columns), 0.0])
+        place_rig(rig, grasp, T_world_hand)
+        rigs.append(rig)
     _start(system, grasps, hands, rigs)
-    pairs = [(link, body.component) for robot, bodies in rigs for body in bodies for link in robot.links.values()]
+    pairs = [(link, body.component) for rig in rigs for body in rig.objects for link in rig.robots[0].links.values()]
     query = system.gpu_create_contact_pair_impulse_query(pairs)
     for _ in range(steps):
         system.step()
@@ -119,23 +105,21 @@ def _hold_rigs(
     strength = np.linalg.norm(query.cuda_impulses.torch().cpu().numpy(), axis=-1)
     data = system.cuda_rigid_body_data.torch().cpu().numpy().astype(np.float64)
     outcomes, read = [], 0
-    for grasp, T_world_hand, (robot, bodies) in zip(grasps, hands, rigs, strict=True):
+    for grasp, T_world_hand, rig in zip(grasps, hands, rigs, strict=True):
+        links = rig.robots[0].links
         poses, pressing = [], []
-        for body in bodies:
+        for body in rig.objects:
             row = data[body.component.gpu_pose_index]
             poses.append(inverse_pose(T_world_hand) @ pose_matrix(row[:3], row[3:7]))
-            touching = strength[read : read + len(robot.links)] > limits.contact_impulse
-            pressing.append({name for name, touches in zip(robot.links, touching, strict=True) if touches})
-            read += len(robot.links)
+            touching = strength[read : read + len(links)] > limits.contact_impulse
+            pressing.append({name for name, touches in zip(links, touching, strict=True) if touches})
+            read += len(links)
         outcomes.append(judge(grasp.objects, poses, pressing))
     return outcomes
 
 
 def _start(
-    system: Any,
-    grasps: Sequence[HeldGrasp],
-    hands: Sequence[NDArray[np.float64]],
-    rigs: Sequence[tuple[Robot, list[Body]]],
+    system: Any, grasps: Sequence[HeldGrasp], hands: Sequence[NDArray[np.float64]], rigs: Sequence[SapienWorld]
 ) -> None:
     """Put everything where it begins: ``gpu_init`` makes a step of its own, so the state is written after it."""
     import torch
@@ -145,11 +129,12 @@ def _start(
         array.torch()
         for array in (system.cuda_rigid_body_data, system.cuda_articulation_qpos, system.cuda_articulation_target_qpos)
     )
-    for grasp, T_world_hand, (robot, bodies) in zip(grasps, hands, rigs, strict=True):
+    for grasp, T_world_hand, rig in zip(grasps, hands, rigs, strict=True):
+        (robot,) = rig.robots
         poses = [(robot.articulation.root.gpu_pose_index, T_world_hand)]
         poses += [
             (body.component.gpu_pose_index, T_world_hand @ held.T_hand_object)
-            for held, body in zip(grasp.objects, bodies, strict=True)
+            for held, body in zip(grasp.objects, rig.objects, strict=True)
         ]
         for index, T in poses:
             pose = to_sapien(T)

@@ -11,23 +11,25 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from sapien import physx
+from sapien.wrapper.articulation_builder import ArticulationBuilder
+from sapien.wrapper.urdf_loader import URDFLoader
 
-from pipeline.hand.model import Hand, load_hand
+from pipeline.hand.model import Hand
 from pipeline.hand.robot import ROBOT_JOINT_NAMES, robot_file
-from pipeline.physics.world import World, from_sapien, to_sapien
+from pipeline.physics.sapien_bodies import from_sapien, to_sapien
 from pipeline.records.parameters.physics import PhysicsParameters
 
 
 @dataclass(frozen=True)
-class Robot:
-    """An articulation with its joints in the order of ``joint_names``."""
+class SapienRobot:
+    """An articulation with its joints in the order of ``joint_names``; see :class:`pipeline.physics.engine.Robot`."""
 
     articulation: Any  # sapien.physx.PhysxArticulation
     joint_names: tuple[str, ...]
     joints: tuple[Any, ...]
     order: NDArray[np.int64]  # position of each named joint in SAPIEN's order
-    links: dict[str, Any]
-    link_name_by_component: dict[Any, str]
+    links: dict[str, Any]  # components by name
 
     @property
     def q(self) -> NDArray[np.float64]:
@@ -59,17 +61,16 @@ class Robot:
         return bool(self.articulation.root.sleeping)
 
 
+class _NoScene:
+    """What the loader asks of a scene when the builder is to be kept."""
+
+    def create_articulation_builder(self) -> Any:
+        return ArticulationBuilder()
+
+
 @lru_cache(maxsize=4)
 def _parsed(arm: bool, hand: Hand) -> Any:
     """Parse the robot's URDF once per process; the builder is used again for every world."""
-    from sapien.wrapper.urdf_loader import URDFLoader
-
-    class _NoScene:
-        def create_articulation_builder(self) -> Any:
-            from sapien.wrapper.articulation_builder import ArticulationBuilder
-
-            return ArticulationBuilder()
-
     loader = URDFLoader()
     loader.set_scene(_NoScene())
     builders, _, _ = loader.parse(str(robot_file(arm, hand)))
@@ -82,8 +83,6 @@ def _parsed(arm: bool, hand: Hand) -> Any:
 
 
 def _materials(links: dict[str, Any], settings: PhysicsParameters, tips: frozenset[str]) -> None:
-    from sapien import physx
-
     tip = physx.PhysxMaterial(settings.tip_static_friction, settings.tip_dynamic_friction, 0.0)
     other = physx.PhysxMaterial(settings.link_friction, settings.link_friction, 0.0)
     for name, link in links.items():
@@ -94,29 +93,17 @@ def _materials(links: dict[str, Any], settings: PhysicsParameters, tips: frozens
                 shape.min_patch_radius = settings.tip_patch_radius
 
 
-def add_robot(
-    world: World,
-    settings: PhysicsParameters,
-    arm: bool,
-    T_world_root: ArrayLike,
-    q: ArrayLike,
-    hand: Hand | None = None,
-) -> Robot:
-    """Add the hand, alone or on the arm, with a root fixed in space, at rest at ``q``, which is also its target.
-
-    The robot's links do not feel gravity: the real arm compensates it.
+def build_robot(scene: Any, settings: PhysicsParameters, arm: bool, T_world_root: ArrayLike, hand: Hand) -> SapienRobot:
+    """Build the hand, alone or on the arm, in a scene, with a root fixed in space; its links do not feel gravity.
 
     Args:
         arm: False: J joints in the order of ``hand.joint_names``, root of the hand.
             True, for the Allegro only: 23 joints in the order of ``hand.robot.ROBOT_JOINT_NAMES``, root
             ``panda_link0``.
         T_world_root: (4, 4) pose of the root link.
-        q: (J,) or (23,) first joint positions and drive targets, rad.
-        hand: the Allegro when left out.
     """
-    hand = hand or load_hand()
     builder = _parsed(arm, hand)
-    builder.set_scene(world.scene)
+    builder.set_scene(scene)
     builder.set_initial_pose(to_sapien(T_world_root))
     articulation = builder.build(fix_root_link=True)
     names = ROBOT_JOINT_NAMES if arm else hand.joint_names
@@ -132,14 +119,4 @@ def add_robot(
     for link in links.values():
         link.disable_gravity = True
     _materials(links, settings, hand.tips)
-    robot = Robot(
-        articulation=articulation,
-        joint_names=names,
-        joints=joints,
-        order=order,
-        links=links,
-        link_name_by_component={link: name for name, link in links.items()},
-    )
-    robot.set_q(q)
-    robot.set_targets(q)
-    return robot
+    return SapienRobot(articulation, names, joints, order, links)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from pipeline.physics.contacts import pressing_links
-from pipeline.physics.holding import HeldGrasp, gravity_vector, hold_in_gravities, judge
-from pipeline.physics.holding_cuda import hold_all_in_gravities, place_rig, upright_hand
-from pipeline.physics.world import GRAVITY, make_world
+from pipeline.physics.engine import GRAVITY, pressing_links, steps_in
+from pipeline.physics.holding import HeldGrasp, gravity_vector, hold_in_gravities, judge, place_rig
+from pipeline.physics.sapien_holding import hold_all_in_gravities, upright_hand
+from pipeline.physics.world import make_world
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
@@ -33,9 +33,9 @@ def test_a_turned_rig_ends_as_the_upright_one_under_turned_gravity(squeezed: boo
     settings = limits.for_floating_hand(SETTINGS)
     world = make_world(settings)
     T_world_hand = upright_hand("+y", held.T_hand_object)
-    robot, bodies = place_rig(world, settings, grasp, T_world_hand)
-    world.step(world.steps(limits.gravity_seconds))
-    pressing = pressing_links(world, bodies[0], robot, limits.contact_impulse)
+    bodies = place_rig(world, grasp, T_world_hand)
+    world.step(steps_in(limits.gravity_seconds, world.frequency))
+    pressing = pressing_links(bodies[0], limits.contact_impulse)
     turned = judge(grasp.objects, [inverse_pose(T_world_hand) @ bodies[0].pose], [pressing])
     expected = hold_in_gravities(SETTINGS, limits, grasp.objects, q, grasp.squeeze_q)
     assert turned.held(limits) == squeezed == (expected.failed_direction == "")

@@ -1,0 +1,110 @@
+"""Everything that the page shows, read and drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from pipeline.records.parameters import Parameters
+from pipeline.report.counting import Counts, PairCounts
+from pipeline.report.drawing import all_shapes, draw_pairs, opening_view
+from pipeline.report.embedding import FoldedTable
+from pipeline.report.harder import Harder, load_harder
+from pipeline.report.learned import Learned, load_learned
+from pipeline.report.pair_views import PairView
+from pipeline.report.rates import Funnel, PairMerge, PairTrials
+from pipeline.report.reconstructed import Reconstructed, load_reconstructed
+from pipeline.report.scene import UNIT
+from pipeline.report.selection import plan
+from pipeline.report.settings import Row, all_settings
+from pipeline.report.summary import Value, summarize
+from pipeline.report.trial_rows import trials_table
+from pipeline.report.wording import HARDER
+from pipeline.report.worst import WorstPair
+from pipeline.stages.versions import installed_versions
+
+
+@dataclass(frozen=True)
+class PageContent:
+    """Everything that the page shows."""
+
+    summary: Mapping[str, Value]
+    funnels: Sequence[Funnel]
+    merges: Sequence[PairMerge]
+    trials: Mapping[str, list[PairTrials]]  # per source
+    views: Sequence[PairView]
+    trial_tables: Mapping[tuple[str, str, str], FoldedTable]  # per source or harder setting, and pair
+    shapes: Mapping[str, dict[str, list[int]]]  # see scene.shape_record
+    shape_unit: float  # m
+    success_height: float  # m
+    hold_seconds: float
+    hand_torque_limit: float  # N m
+    versions: Mapping[str, str]
+    settings: Mapping[str, Sequence[Row]]  # per section of params.yaml
+    drift_limit: float  # m, largest motion in the hand that merging lets pass
+    opening: PairView | None = None  # a pair with one successful trial, which stands on top of the page
+    counts: Sequence[PairCounts] = ()  # of all pairs and sources
+    worst: Sequence[WorstPair] = ()  # the pairs that ``views`` show, where there are too many to show all
+    learned: Learned | None = None
+    reconstructed: Mapping[str, Reconstructed] = field(default_factory=dict)  # per capture
+    harder: Sequence[Harder] = ()
+
+    @property
+    def criterion(self) -> str:
+        """The paper's rule of success in short."""
+        return f"{100 * self.success_height:g} cm, {self.hold_seconds:g} s"
+
+
+def page_content(
+    parameters: Parameters, counts: Counts, quality: Mapping[tuple[str, str], Mapping[str, Any]]
+) -> PageContent:
+    """Read what the page shows besides counts, draw it, and return all of it.
+
+    Args:
+        quality: figures on the samples of the learned model, per pair.
+
+    Raises:
+        UserError: a file is missing or damaged.
+    """
+    evaluate = parameters.evaluate
+    learned = load_learned(quality, counts.samples)
+    reconstructed = load_reconstructed(parameters.captures)
+    harder = load_harder(parameters.harder, evaluate, parameters.physics)
+    planned = plan(counts.trials, harder, parameters.report, evaluate)
+    opening = [planned.opening] if planned.opening else []
+    drawn = draw_pairs([*planned.shown, *planned.listed, *opening], parameters.compute.workers)
+    shown = drawn[: len(planned.shown)]
+    tables = {(source, one.view.first, one.view.second): rows for one in drawn for source, rows in one.tables.items()}
+    metrics = {name: one.metrics for name, one in reconstructed.items()}
+    return PageContent(
+        summary=summarize(parameters.scale, counts.funnels, counts.merges, counts.trials, metrics, learned, harder),
+        funnels=counts.funnels,
+        merges=counts.merges,
+        trials=counts.trials,
+        views=[one.view for one in shown],
+        trial_tables=tables | harder_tables(harder),
+        shapes=all_shapes(shown),
+        shape_unit=UNIT,
+        success_height=evaluate.success_height,
+        hold_seconds=evaluate.hold_seconds,
+        hand_torque_limit=parameters.physics.hand_torque_limit,
+        versions=installed_versions(),
+        settings=all_settings(parameters),
+        drift_limit=parameters.validate_.drift_limit,
+        opening=opening_view([*shown, *drawn[len(drawn) - len(opening) :]]),
+        counts=counts.pairs,
+        worst=planned.worst,
+        learned=learned,
+        reconstructed=reconstructed,
+        harder=harder,
+    )
+
+
+def harder_tables(harder: Sequence[Harder]) -> dict[tuple[str, str, str], FoldedTable]:
+    """Return the trials of all harder settings, per setting and pair that the page shows."""
+    return {
+        (HARDER + setting.name, *pair): trials_table(HARDER + setting.name, *pair, setting.rows)
+        for setting in harder
+        for pair in setting.shown
+    }
