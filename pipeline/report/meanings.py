@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from html import escape
+from collections.abc import Mapping
 
 from pipeline.records.reasons import Reason
 from pipeline.records.synthesis_reasons import SynthesisReason
@@ -46,13 +45,3 @@ TRIALS = {
 def meaning_of(reason: str, meanings: Mapping[str, str]) -> str:
     """Return the line on a reason, '' if there is none; what stands after a colon may be a detail, as a direction."""
     return meanings.get(reason) or meanings.get(reason.partition(":")[0], "")
-
-
-def explained(checks: Iterable[str], meanings: Mapping[str, str]) -> str:
-    """Return an HTML list with the meanings of ``checks``, in the order in which they are made."""
-    lines: dict[str, list[str]] = {}
-    for check in sorted(set(checks)):
-        lines.setdefault(meaning_of(check, meanings), []).append(check.replace("_", " "))
-    ordered = [text for text in meanings.values() if text in lines]
-    items = "".join(f"<dt>{escape(', '.join(lines[text]))}</dt><dd>{escape(text)}</dd>" for text in ordered)
-    return f"<dl>{items}</dl>\n" if items else ""

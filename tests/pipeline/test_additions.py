@@ -38,7 +38,7 @@ def stands_low(inspection: Inspection) -> Verdict:
 CHECKED = """
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
-from pipeline.report.meanings import VALIDATION, explained
+from pipeline.report.meanings import VALIDATION, meaning_of
 from pipeline.view.facts import grasp_facts
 from tests.validate.test_validation import block_grasp, rows
 from pipeline.validate.table import validate_table
@@ -53,7 +53,7 @@ refused, tested = read_table(Path("validated.parquet"), VALIDATED, "test").to_di
 assert refused["rejected_by"] == "force_closure" and refused["height"] != refused["height"]
 assert tested["rejected_by"] == "too_high" and tested["height"] == prepared.extents[2]
 assert tested["gravity_drift"] is None  # not reached
-assert "higher than a coin" in explained(["too_high"], VALIDATION)
+assert "higher than a coin" in meaning_of("too_high", VALIDATION)
 assert "higher than a coin" in grasp_facts(tested) and f"{1e3 * tested['height']:.2f} mm" in grasp_facts(tested)
 """
 

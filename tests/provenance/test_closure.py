@@ -59,7 +59,7 @@ MAKERS = ("pipeline.provenance", "pipeline.stages.code")
 COMMANDS = [
     "pipeline.prepare.__main__",
     "pipeline.merge.__main__",
-    "pipeline.sample",
+    "pipeline.sample.__main__",
     "pipeline.reconstruct.__main__",
 ]
 

@@ -131,7 +131,7 @@ REAL = {
     "pipeline.synthesize.__main__": {"style": "pinch"},
     "pipeline.merge.__main__": {},
     "pipeline.train.__main__": {},
-    "pipeline.sample": {"source": "reconstructed"},
+    "pipeline.sample.__main__": {"source": "reconstructed"},
 }
 
 

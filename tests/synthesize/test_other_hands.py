@@ -63,9 +63,10 @@ def test_terms_and_gradient_equal_autograd(name: str, toy: Hand) -> None:
     for index in range(count):
         truth = oracle(grasps.position[index], rotations[index], grasps.q[index], grasps.contacts[index])
         assert terms.energy[index] == pytest.approx(truth.energy, rel=2e-5)
+        names = ("penetration", "table", "self_penetration", "joints")
         np.testing.assert_allclose(
-            [terms.penetration[index], terms.table[index], terms.self_penetration[index], terms.joints[index]],
-            truth.terms[2:6],
+            [getattr(terms, name)[index] for name in names],
+            [truth.terms[name] for name in names],
             rtol=2e-5,
             atol=5e-6,
         )
