@@ -15,7 +15,7 @@ began: dict[str, float] = {}
 
 def watch(run):
     """Note when each phase begins, s of simulation."""
-    began.setdefault(run.under_way, run.steps / run.scene.world.settings.frequency)
+    began.setdefault(run.under_way, run.steps / run.scene.world.frequency)
 
 
 trial = seqgrasp.rerun_trial(name, watch)

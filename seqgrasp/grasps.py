@@ -64,7 +64,7 @@ def candidates_of(
     poses, joints = np.asarray(T_object_hand, np.float64), np.asarray(q, np.float64)
     field, rng = DistanceField(prepared), np.random.default_rng(0)
     contacts = choose_contacts(hand, prepared, field, poses, joints, request.energy, request.settings, rng)
-    scene = EnergyScene(prepared, request.energy, request.settings, hand, request.optimizer.device)
+    scene = EnergyScene(prepared, request.energy, request.settings, device=request.optimizer.device, hand=hand)
     tables = []
     for fingers in sorted(set(contacts.fingers)):
         own = [index for index, used in enumerate(contacts.fingers) if used == fingers]
@@ -89,7 +89,9 @@ def validate(candidates: pd.DataFrame, prepared: PreparedObject, parameters: Par
 
     limits = parameters.validate_.model_copy(update={"most_candidates": len(candidates)})
     label = f"validate {prepared.name}"
-    return validate_table(candidates, prepared, parameters.physics, limits, parameters.compute, label, PLANE, hand)
+    return validate_table(
+        candidates, prepared, parameters.physics, limits, parameters.compute, label, support=PLANE, hand=hand
+    )
 
 
 def sample_grasps(
