@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pipeline.evaluate.execution import Ended, Run
 from pipeline.evaluate.scene import build_scene
 from pipeline.evaluate.sequence import Phase, rest_phase
+from pipeline.hand.model import Hand
 from pipeline.plan.limits import Waypoints
 from pipeline.plan.proposal import Table
 from pipeline.records.parameters.evaluate import EvaluateParameters
@@ -18,7 +19,7 @@ from pipeline.records.poses import pose_matrix
 
 PICTURE_WIDTH, PICTURE_HEIGHT = 320, 300  # pixels
 SHOWN = ("settle", "approach first", "close first", "lift first", "enter second", "close second", "hold")
-COLOURS = ((0.88, 0.54, 0.18), (0.24, 0.47, 0.71))  # first object, second object
+COLOURS = ((0.88, 0.54, 0.18), (0.24, 0.47, 0.71), (0.36, 0.62, 0.35), (0.60, 0.40, 0.65))  # in the order of picking
 OTHER_COLOUR = (0.62, 0.62, 0.60)
 
 
@@ -34,24 +35,24 @@ def phases_of(waypoints: Waypoints) -> list[Phase]:
 
 
 def play(
-    table: Table, waypoints: Waypoints, settings: EvaluateParameters, physics: PhysicsParameters
+    hand: Hand, table: Table, waypoints: Waypoints, settings: EvaluateParameters, physics: PhysicsParameters
 ) -> dict[str, Any]:
     """Run a plan blindly, judged as a trial is, and return ``execution.Run.outcome``."""
-    first, second = table.objects
     scene = build_scene(
-        (first.prepared, second.prepared),
+        hand,
+        [item.prepared for item in table.objects],
         settings,
         physics,
-        (first.T_world_object, second.T_world_object),
+        [item.T_world_object for item in table.objects],
         [(item.prepared, item.T_world_object) for item in table.others],
     )
     run = Run(scene, settings, rest=[body.pose for body in scene.objects])
-    reason = ""
+    reason = None
     try:
         run.settle(rest_phase("settle", run.posture, settings.settle_seconds, settings))
         run.execute(phases_of(waypoints))
     except Ended as end:
-        reason = str(end)
+        reason = end.reason
     return run.outcome(reason)
 
 
@@ -71,10 +72,10 @@ def playback_strip(table: Table, outcome: dict[str, Any], settings: EvaluatePara
     for index, phase in enumerate(outcome["snapshot_phases"]):
         if phase not in SHOWN and index < len(outcome["snapshot_phases"]) - 1:
             continue
-        poses = [outcome[f"snapshot_pose{slot}"][index] for slot in (0, 1)]
+        poses = [own[index] for own in outcome["snapshot_poses"]]
         bodies = [
             Body(item.prepared.vertices, item.prepared.faces, colour, pose_matrix(pose[:3], pose[3:]))
-            for item, colour, pose in zip(table.objects, COLOURS, poses, strict=True)
+            for item, colour, pose in zip(table.objects, COLOURS, poses, strict=False)
         ]
         robot_q = outcome["snapshot_robot_q"][index]
         pictures.append(

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.evaluate.grasps import TwoObjectGrasp
+from pipeline.evaluate.grasps import SequenceGrasp
 from pipeline.evaluate.scene import START_ARM, START_HAND, object_obstacle
 from pipeline.evaluate.sequence import Phase, Posture, Surroundings, pick_phases, plan_all
 from pipeline.hand.robot import ARM_JOINT_NAMES, ROBOT_JOINT_NAMES
@@ -35,13 +35,13 @@ class StandingObject:
 
 @dataclass(frozen=True)
 class Table:
-    """What is before the robot: the two objects to pick, in that order, and others to keep away from."""
+    """What is before the robot: the objects to pick, in that order, and others to keep away from."""
 
-    objects: tuple[StandingObject, StandingObject]
+    objects: tuple[StandingObject, ...]
     others: tuple[StandingObject, ...] = ()
 
 
-def propose(table: Table, grasp: TwoObjectGrasp, settings: EvaluateParameters, rng: np.random.Generator) -> list[Phase]:
+def propose(table: Table, grasp: SequenceGrasp, settings: EvaluateParameters, rng: np.random.Generator) -> list[Phase]:
     """Return all phases from the start posture to the hold.
 
     Raises:
@@ -81,14 +81,14 @@ def waypoints_of(phases: Sequence[Phase], frequency: int) -> Waypoints:
     return Waypoints(np.arange(len(q)) / frequency, tuple(names), q, velocity)
 
 
-def squeeze_torque(grasp: TwoObjectGrasp, physics: PhysicsParameters) -> NDArray[np.float64]:
-    """Return (16,) N m: what the fingers' drives ask for when objects stop them at the grasp, at most their limit."""
+def squeeze_torque(grasp: SequenceGrasp, physics: PhysicsParameters) -> NDArray[np.float64]:
+    """Return (J,) N m: what the fingers' drives ask for when objects stop them at the grasp, at most their limit."""
     demand = physics.hand_stiffness * (grasp.squeeze_q - grasp.q)
     return np.clip(demand, -physics.hand_torque_limit, physics.hand_torque_limit)
 
 
 def plan_record(
-    table: Table, grasp: TwoObjectGrasp, source: str, waypoints: Waypoints, checks: Sequence[Check]
+    table: Table, grasp: SequenceGrasp, source: str, waypoints: Waypoints, checks: Sequence[Check]
 ) -> dict[str, Any]:
     """Return the content of ``plan.json``; docs/plan.md explains it."""
     names = list(dict.fromkeys(waypoints.phases))
@@ -119,7 +119,7 @@ def _placed(item: StandingObject) -> dict[str, Any]:
 
 
 def plan_csv(waypoints: Waypoints) -> str:
-    """Return the way-points as text: time, phase, 23 positions, 7 velocities of the arm."""
+    """Return the way-points as text: time, phase, positions of all joints, velocities of the arm."""
     target = io.StringIO()
     writer = csv.writer(target, lineterminator="\n")
     writer.writerow(["time", "phase", *ROBOT_JOINT_NAMES, *(f"{name}_velocity" for name in ARM_JOINT_NAMES)])

@@ -27,7 +27,7 @@ class Appearance:
     """Meshes of everything; the moving ones in their own frames."""
 
     robot: tuple[Body, ...]  # in the order of ``pictures.robot.robot_bodies``
-    objects: tuple[Body, Body]
+    objects: tuple[Body, ...]
     sponge: Body
     table: Body
 
@@ -46,14 +46,11 @@ def appearance(recording: Recording) -> Appearance:
     from pipeline.records.objects import load_prepared_object
 
     prepared = [load_prepared_object(name) for name in recording.about.objects]
-    first, second = (
-        _light(Body(item.vertices, item.faces, colour), LARGEST_OBJECT)
-        for item, colour in zip(prepared, COLOURS, strict=True)
-    )
+    looks = zip(prepared, COLOURS, strict=False)  # there are colours for the most objects that a hand can hold
     height = recording.about.sponge_height
     return Appearance(
         robot=tuple(_light(body.placed(np.eye(4)), LARGEST_PART) for body in robot_bodies(recording.robot_q[0])),
-        objects=(first, second),
+        objects=tuple(_light(Body(item.vertices, item.faces, colour), LARGEST_OBJECT) for item, colour in looks),
         sponge=_box((SPONGE_SIZE, SPONGE_SIZE, height), (SPONGE_X, 0.0, height / 2), SPONGE_COLOUR),
         table=_box(TABLE_SIZE, (TABLE_X, 0.0, -TABLE_SIZE[2] / 2), TABLE_COLOUR),
     )

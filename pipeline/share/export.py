@@ -15,7 +15,8 @@ import pandas as pd
 import pyarrow as pa
 
 from pipeline.records.errors import UserError
-from pipeline.records.tables import MERGED, write_table
+from pipeline.records.flat import PAIR_GRASPS
+from pipeline.records.tables import write_table
 from pipeline.share.grasps import FILES, GRASP_COLUMNS, chosen_pairs, grasps_of
 from pipeline.share.project import STYLES, Project, objects_of, open_project
 from pipeline.share.released import (
@@ -28,7 +29,7 @@ from pipeline.share.released import (
 
 HDF5 = (".h5", ".hdf5")
 TABLE = pa.schema(
-    [pa.field("source", pa.string(), metadata={"description": GRASP_COLUMNS["source"]}), *MERGED]
+    [pa.field("source", pa.string(), metadata={"description": GRASP_COLUMNS["source"]}), *PAIR_GRASPS]
 )  # of FILE.parquet
 
 

@@ -11,7 +11,7 @@ import pandas as pd
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
-from pipeline.records.tables import MERGED
+from pipeline.records.flat import PAIR_GRASPS
 from pipeline.share.project import Project, objects_of, open_project, partners_of, read_pairs
 
 # Where the grasps of a source are, and the stage that makes them.
@@ -22,7 +22,7 @@ FILES: dict[str, tuple[Callable[[str], Path], str]] = {
 # What every column of `load_grasps` means.
 GRASP_COLUMNS = {
     "source": "`synthesized` (merged from two single grasps) or `learned` (drawn from the model, then refined)",
-    **{field.name: field.metadata[b"description"].decode() for field in MERGED},
+    **{field.name: field.metadata[b"description"].decode() for field in PAIR_GRASPS},
 }
 _LEARNED_IDS = "; of a learned grasp, the number of the sample"
 GRASP_COLUMNS |= {name: GRASP_COLUMNS[name] + _LEARNED_IDS for name in ("grasp0_id", "grasp1_id")}
@@ -75,7 +75,7 @@ def grasps_of(
     for source in sources:
         file_of, stage = FILES[source]
         for first, own in seconds.items():
-            for rows in read_pairs(project, file_of(first), MERGED, stage, own).values():
+            for rows in read_pairs(project, file_of(first), PAIR_GRASPS, stage, own).values():
                 kept = rows[rows["rejected_by"] == ""] if only_accepted else rows
                 kept.insert(0, "source", source)
                 tables.append(kept)

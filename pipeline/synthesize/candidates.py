@@ -15,6 +15,7 @@ from pipeline.compute.pool import Calls, Work, run_one
 from pipeline.compute.shared import Shared
 from pipeline.energy.scene import EnergyScene, Grasps, Terms, compile_kernels, contact_slots
 from pipeline.hand.model import Hand, load_hand
+from pipeline.hand.moves import finger_joints, straight
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters, StyleParameters
 from pipeline.stages.seeds import item_generator, item_seed
@@ -140,7 +141,16 @@ def synthesis(request: Request) -> Work[pd.DataFrame]:
     )
     same = duplicates(grasps, rows["energy"].to_numpy(), (rows["rejected_by"] == "").to_numpy())
     rows.loc[same, "rejected_by"] = "duplicate"
+    if request.waiting:  # while this object is picked
+        joints = finger_joints(request.waiting, request.hand)
+        rows["q"] = [_with(q, joints, straight(request.waiting, request.hand)) for q in rows["q"]]
     return rows
+
+
+def _with(q: NDArray[np.float64], joints: NDArray[np.int64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    changed = np.array(q)
+    changed[joints] = angles
+    return changed
 
 
 def _rows_of_block(shared: Shared[Request], block: Block) -> pd.DataFrame:

@@ -9,6 +9,7 @@ from pipeline.motion.arm_model import ArmModel
 from pipeline.motion.collisions import CollisionWorld, Obstacle, box_shape
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.poses import inverse_pose
+from tests.pairs import PAIR
 
 SETTINGS = EvaluateParameters()
 
@@ -16,16 +17,17 @@ SETTINGS = EvaluateParameters()
 @pytest.fixture
 def task(objects, grasp) -> PickTask:
     """The first pick of the recorded grasp."""
-    first, second = placed(objects, SETTINGS, np.zeros((2, 3)))
+    first, second = placed(PAIR, objects, SETTINGS, np.zeros((2, 3)))
+    own = grasp.picks[0]
     return PickTask(
         arm_q=START_ARM,
-        hand_q=grasp.open_q0,
+        hand_q=own.open_q,
         closed_q=grasp.q,
         target=object_obstacle(objects[0], "object0").at(first),
-        T_hand_target=grasp.T_hand_object0,
+        T_hand_target=own.T_hand_object,
         held=(),
         others=(object_obstacle(objects[1], "object1").at(second),),
-        direction=first[:3, :3] @ grasp.approach_direction0,
+        direction=first[:3, :3] @ own.approach_direction,
         lengths=(0.05,),
         lift_height=0.1,
     )

@@ -29,6 +29,8 @@ from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.poses import pose_matrix
 from pipeline.records.reconstructions import ReconstructedObject, write_reconstruction
 from pipeline.records.tables import MERGED, write_table
+from tests.evaluate.conftest import HAND
+from tests.pairs import PAIR
 
 SETTINGS, PHYSICS = EvaluateParameters(), PhysicsParameters()
 ORDER = [f"{verb} {which}" for which in ("first", "second") for verb in ("open", "approach", "enter", "close", "lift")]
@@ -37,7 +39,7 @@ PASSING = np.zeros(16)
 
 @pytest.fixture(scope="module")
 def standing(objects) -> Table:
-    poses = placed(objects, SETTINGS, np.zeros((2, 3)))
+    poses = placed(PAIR, objects, SETTINGS, np.zeros((2, 3)))
     return Table((StandingObject(objects[0], poses[0]), StandingObject(objects[1], poses[1])))
 
 
@@ -58,7 +60,7 @@ def resting(count: int = 5) -> Waypoints:
 
 
 def failed(waypoints: Waypoints, torque: np.ndarray = PASSING) -> dict[str, str]:
-    return {check.name: check.sentence() for check in check_limits(waypoints, torque) if not check.passed}
+    return {check.name: check.sentence() for check in check_limits(HAND, waypoints, torque) if not check.passed}
 
 
 def test_phases_come_in_order_and_join(phases: list[Phase], waypoints: Waypoints) -> None:
@@ -81,7 +83,7 @@ def test_told_velocities_are_those_of_the_positions(waypoints: Waypoints) -> Non
 def test_hand_goes_where_the_grasps_are(standing: Table, grasp, phases: list[Phase]) -> None:
     by_name = {phase.name: phase for phase in phases}
     for index, (name, T_hand_object) in enumerate(
-        (("close first", grasp.T_hand_object0), ("close second", grasp.T_hand_object1))
+        zip(("close first", "close second"), (pick.T_hand_object for pick in grasp.picks), strict=True)
     ):
         last = by_name[name].last
         hand = ArmModel(last.hand).hand_pose(last.arm)
@@ -92,7 +94,7 @@ def test_hand_goes_where_the_grasps_are(standing: Table, grasp, phases: list[Pha
 
 
 def test_recorded_grasp_keeps_all_limits(waypoints: Waypoints, grasp) -> None:
-    checks = check_limits(waypoints, squeeze_torque(grasp, PHYSICS))
+    checks = check_limits(HAND, waypoints, squeeze_torque(grasp, PHYSICS))
     assert [check.sentence() for check in checks if not check.passed] == []
     assert {check.name.split()[0] for check in checks} == {"arm", "hand"}
 
@@ -142,7 +144,7 @@ def smooth_move(distance: float, seconds: float, step: float) -> Waypoints:
     ],
 )
 def test_fast_moves_are_told(distance: float, seconds: float, step: float, name: str, value: float) -> None:
-    checks = check_limits(smooth_move(distance, seconds, step), PASSING)
+    checks = check_limits(HAND, smooth_move(distance, seconds, step), PASSING)
     assert [check.name for check in checks if not check.passed] == [name]
     found = next(check for check in checks if check.name == name)
     assert abs(found.value) == pytest.approx(value, rel=1e-5) and found.joint == "panda_joint2"
@@ -217,7 +219,7 @@ def test_playback_runs_the_exported_way_points(phases, waypoints: Waypoints) -> 
 
 
 def test_dry_run_lifts_both_objects(standing: Table, waypoints: Waypoints) -> None:
-    outcome = play(standing, waypoints, SETTINGS, PHYSICS)
+    outcome = play(HAND, standing, waypoints, SETTINGS, PHYSICS)
     assert outcome["reason"] == "" and outcome["success"]
     steps = (len(waypoints.times) - 1) / SETTINGS.control_frequency + SETTINGS.settle_seconds
     assert outcome["steps"] == round(steps * PHYSICS.frequency)
@@ -228,7 +230,7 @@ def test_dry_run_tells_when_the_objects_stand_elsewhere(standing: Table, waypoin
     away = standing.objects[0].T_world_object.copy()
     away[0, 3] += 0.08
     moved = Table((StandingObject(standing.objects[0].prepared, away), standing.objects[1]))
-    outcome = play(moved, waypoints, SETTINGS, PHYSICS)
+    outcome = play(HAND, moved, waypoints, SETTINGS, PHYSICS)
     assert not outcome["success"] and outcome["reason"] in ("first slip", "collision on approach")
 
 
@@ -251,7 +253,6 @@ def workplace(tmp_path: Path, repository: Path, objects, grasp_row, monkeypatch)
     for prepared in objects:
         write_prepared_object(tmp_path / paths.prepared_folder(prepared.name), prepared)
     row = dict.fromkeys(MERGED.names) | grasp_row
-    row |= {"object0": "cube", "object1": "slender_cylinder"}
     rows = [row | {"merged_id": 0, "rejected_by": "gravity"}, row | {"merged_id": 1, "rejected_by": ""}]
     write_table(tmp_path / "grasps.parquet", pd.DataFrame(rows, columns=MERGED.names), MERGED)
     monkeypatch.chdir(tmp_path)
@@ -281,7 +282,7 @@ def test_command_writes_plan_and_dry_run(workplace: Path, capsys) -> None:
 
 def test_the_pair_of_a_table_of_several_is_named_by_its_second_object(workplace: Path, capsys) -> None:
     rows = pd.read_parquet("grasps.parquet")
-    others = rows.assign(object1="plum", merged_id=range(len(rows)), rejected_by="")
+    others = rows.assign(objects=[["cube", "plum"]] * len(rows), merged_id=range(len(rows)), rejected_by="")
     write_table(Path("many.parquet"), pd.concat([others, rows]), MERGED)
     assert command.main(["--table", "many.parquet"]) == 2
     assert "holds several pairs; choose one of plum, slender_cylinder with --second" in capsys.readouterr().err

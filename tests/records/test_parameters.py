@@ -71,7 +71,7 @@ def test_the_committed_file_is_valid(repository):
         ("captures.mine", {"folder": "data/raw/../photos"}, "captures.mine.folder is neither a rendering's"),
         ("pairs", 0, "pairs"),
         ("pairs", "some", "pairs"),
-        ("pairs", [["cube", "plum"]], "pairs: cube is not in styles.pinch, or plum is not in styles.side"),
+        ("pairs", [["cube", "plum"]], "pairs: plum is not in styles.side"),
         ("pairs", [["cube", "soup_can"]] * 2, "pairs names a pair twice"),
         ("meshes.mug", {"file": "data/raw/mug.stl", "unit": "ell"}, "meshes.mug.unit"),
         ("objects.cube.file", "data/raw/cube.stl", "objects.cube.file: unknown parameter"),

@@ -64,7 +64,7 @@ def evaluated(tmp_path_factory, repository: Path, objects, grasp_row) -> Path:
 
 def write_grasps(grasp_row: dict, merged_id: int) -> None:
     row = dict.fromkeys(MERGED.names) | grasp_row
-    row |= {"object0": "cube", "object1": "slender_cylinder", "merged_id": merged_id, "rejected_by": ""}
+    row |= {"merged_id": merged_id, "rejected_by": ""}
     rows = pd.DataFrame([row], columns=MERGED.names)
     write_table(paths.merged_file("cube"), rows, MERGED)
 
@@ -119,7 +119,7 @@ def test_recording_agrees_with_the_table_of_the_stage(evaluated: Path, replayed:
     assert ends[-1] == len(replayed.time) - 1
     np.testing.assert_array_equal(replayed.robot_q[ends], np.stack(row["snapshot_robot_q"]))
     for index in (0, 1):
-        np.testing.assert_array_equal(replayed.poses[index][ends], np.stack(row[f"snapshot_pose{index}"]))
+        np.testing.assert_array_equal(replayed.poses[index][ends], np.stack(row["snapshot_poses"][index]))
     # one moment per control period of 0.02 s = 4 steps of physics
     np.testing.assert_allclose(replayed.time, 0.02 * np.arange(1, row["steps"] // 4 + 1))
     assert replayed.about == About(NAME, ("cube", "slender_cylinder"), "success", 0.1)
@@ -137,25 +137,25 @@ def test_command_says_that_the_outcome_is_the_same(evaluated: Path, replayed: Re
 
 def test_one_changed_bit_is_another_outcome(project: Path, capsys) -> None:
     rows = read_table(TABLE, TRIALS, "evaluate")
-    rows.loc[1, "height1"] = np.nextafter(rows.loc[1, "height1"], 1.0)
+    rows.loc[1, "heights"][1] = np.nextafter(rows.loc[1, "heights"][1], 1.0)
     rows.loc[1, "reason"] = "second slip"
     write_table(TABLE, rows, TRIALS)
     assert command.main(["--check", "9"]) == 1
     told = capsys.readouterr().out.splitlines()
-    assert sorted(told[:2]) == [f"{NAME[:-1]}0: same", f"{NAME}: differs in reason, height1"]
+    assert sorted(told[:2]) == [f"{NAME[:-1]}0: same", f"{NAME}: differs in reason, heights"]
     assert told[2] == "1 of 2 trials, drawn from 2, have the same outcome to the last bit"
     assert command.main([NAME, "--no-view"]) == 1
     told = capsys.readouterr().out
-    assert "ANOTHER outcome than" in told and "columns that differ: reason, height1; `dvc status evaluate@" in told
+    assert "ANOTHER outcome than" in told and "columns that differ: reason, heights; `dvc status evaluate@" in told
     assert read_recording(RECORDING).about.outcome == "success (the table tells another outcome)"
 
 
 def test_every_bit_counts() -> None:
-    row = dict.fromkeys(TRIALS.names) | {"height0": 0.0, "offset0": np.zeros(3), "snapshot_pose0": [np.zeros(7)]}
-    assert differing_columns(row, row | {"height0": -0.0}) == ["height0"]
-    assert differing_columns(row, row | {"offset0": np.array([0.0, 5e-324, 0.0])}) == ["offset0"]
-    assert differing_columns(row, row | {"snapshot_pose0": [np.zeros(7)] * 2}) == ["snapshot_pose0"]
-    nan = row | {"height1": np.nan}
+    row = dict.fromkeys(TRIALS.names) | {"heights": [0.0], "offsets": [np.zeros(3)], "snapshot_poses": [[np.zeros(7)]]}
+    assert differing_columns(row, row | {"heights": [-0.0]}) == ["heights"]
+    assert differing_columns(row, row | {"offsets": [np.array([0.0, 5e-324, 0.0])]}) == ["offsets"]
+    assert differing_columns(row, row | {"snapshot_poses": [[np.zeros(7)] * 2]}) == ["snapshot_poses"]
+    nan = row | {"heights": [np.nan]}
     assert differing_columns(nan, dict(nan)) == []
 
 
@@ -236,7 +236,7 @@ def test_wrong_options_are_refused(empty_folder: Path, arguments: list[str]) -> 
 def test_trials_are_drawn_from_all_tables(project: Path) -> None:
     known = known_trials()
     assert known == [trial_name(f"{NAME[:-1]}{number}") for number in (0, 1)]
-    many = [TrialName("learned", "cube", "plum", number) for number in range(100)]
+    many = [TrialName("learned", ("cube", "plum"), number) for number in range(100)]
     drawn = drawn_trials(many, 20, draw=0)
     assert len(set(drawn)) == 20 and set(drawn) <= set(many)
     assert drawn == drawn_trials(many, 20, draw=0) != drawn_trials(many, 20, draw=1)

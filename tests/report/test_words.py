@@ -6,10 +6,8 @@ from html import unescape
 
 import pytest
 
-from pipeline.evaluate.trial import run_trial
-from pipeline.pairing.combination import try_combination
 from pipeline.records.parameters import read_parameters
-from pipeline.report.meanings import GRAVITY, MERGE, SYNTHESIS, TRIALS, VALIDATION, explained
+from pipeline.report.meanings import GRAVITY, SYNTHESIS, VALIDATION, explained
 from pipeline.report.settings import described, section_rows
 from pipeline.synthesize import candidates
 from pipeline.synthesize.scoring import first_failures
@@ -17,7 +15,7 @@ from pipeline.validate import table
 from pipeline.validate.grasp_test import check_candidate
 from tools.scales import flatten
 
-NO_CHECKS = {"rejected_by", "early_rejection", "merged_id", "MERGED", "records.tables.TRIALS"}
+NO_CHECKS = {"rejected_by", "early_rejection"}
 
 
 def quoted(function) -> set[str]:
@@ -28,7 +26,7 @@ def quoted(function) -> set[str]:
 
 @pytest.mark.parametrize(
     ("function", "meanings"),
-    [(run_trial, TRIALS), (try_combination, MERGE), (check_candidate, VALIDATION)],
+    [(check_candidate, VALIDATION)],
 )
 def test_every_check_that_a_stage_lists_is_explained_and_no_other(function, meanings):
     assert quoted(function) == set(meanings) - {table.NOT_TESTED}

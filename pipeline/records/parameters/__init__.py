@@ -26,8 +26,9 @@ from pipeline.records.parameters.hand import ALLEGRO, description_file, read_des
 from pipeline.records.parameters.harder import HarderParameters, overridden
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.objects import MeshParameters, ObjectParameters, StylesParameters
-from pipeline.records.parameters.pairs import PairsParameter, partners
+from pipeline.records.parameters.pairs import PairsParameter, sequences
 from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.parameters.picks import PickParameters, check_picks, objects_of
 from pipeline.records.parameters.prepare import PrepareParameters
 from pipeline.records.parameters.reconstruct import ReconstructParameters
 from pipeline.records.parameters.report import ReportParameters, TrackParameters
@@ -47,7 +48,7 @@ OBJECT_NAME = re.compile(r"[a-z][a-z0-9_]*")
 class Parameters(Section):
     """The whole of ``params.yaml``."""
 
-    scale: Literal["demo", "paper", "tiny"] = Field(description="Which scale of conf/scale was composed.")
+    scale: Literal["demo", "paper", "three", "tiny"] = Field(description="Which scale of conf/scale was composed.")
     preset: Literal["ours", "official", "published_model"] = Field(
         description="Which file of conf/preset was composed."
     )
@@ -61,7 +62,11 @@ class Parameters(Section):
     pairs: PairsParameter = Field(
         description="Which objects are picked one after the other: `all` of styles.pinch with all of styles.side; or "
         "how many partners each first object gets, drawn evenly from the seed; or a list of [first, second]. "
-        "Paper: all.",
+        "With more than two picks: `all`, or a list of sequences. Paper: all.",
+    )
+    picks: tuple[PickParameters, ...] = Field(
+        description="What a sequence is, object by object: how each is held, and where it stands. Paper: a pinch, then "
+        "a grasp with ring finger and palm.",
     )
     objects: dict[str, ObjectParameters] = Field(description="Objects from packages and recipes, by name.")
     meshes: dict[str, MeshParameters] = Field(description="Objects from the user's own files, by name.")
@@ -106,12 +111,22 @@ class Parameters(Section):
 
     @model_validator(mode="after")
     def _pairs_agree(self) -> Parameters:
+        check_picks(self.picks, dict(self.styles))
+        if isinstance(self.pairs, int) and len(self.picks) > 2:
+            raise ValueError("pairs: only partners of two objects are drawn; name the sequences, or write all")
         if isinstance(self.pairs, list):
-            for first, second in self.pairs:
-                if first not in self.styles.pinch or second not in self.styles.side:
-                    raise ValueError(f"pairs: {first} is not in styles.pinch, or {second} is not in styles.side")
+            known = [objects_of(pick, dict(self.styles)) for pick in self.picks]
+            for names in self.pairs:
+                if len(names) != len(known):
+                    raise ValueError(f"pairs: {' then '.join(names)} has {len(names)} objects, and picks {len(known)}")
+                for number, (name, own) in enumerate(zip(names, known, strict=True)):
+                    if name not in own:
+                        raise ValueError(f"pairs: {name} is not in styles.{self.picks[number].style}")
             if len(set(self.pairs)) != len(self.pairs):
                 raise ValueError("pairs names a pair twice")
+        for pick in self.picks:
+            if pick.post is not None and pick.post.margin < self.evaluate.perturbation:
+                raise ValueError("picks: the margin of a post must be at least evaluate.perturbation")
         return self
 
     @model_validator(mode="after")
@@ -177,10 +192,10 @@ class Parameters(Section):
     def _harder_settings_agree(self) -> Parameters:
         if self.hand != ALLEGRO:  # then nothing reads them, and a composed file keeps those of its scale
             return self
-        known = self.partners()
-        for first, second in self.harder.pairs:
-            if second not in known.get(first, ()):
-                raise ValueError(f"harder.pairs: {first} then {second} is no pair of styles and pairs")
+        known = set(self.sequences())
+        for names in self.harder.pairs:
+            if names not in known:
+                raise ValueError(f"harder.pairs: {' then '.join(names)} is no pair of styles and pairs")
         if self.harder.settings and self.harder.trials > self.evaluate.trials:
             raise ValueError(f"harder.trials must not exceed evaluate.trials ({self.evaluate.trials})")
         for name, setting in self.harder.settings.items():
@@ -207,9 +222,17 @@ class Parameters(Section):
                 raise ValueError(f"harder.settings.{name}: frequencies are the same in all settings; remove them there")
         return self
 
+    def sequences(self) -> list[tuple[str, ...]]:
+        """Return the objects of every sequence, in the order of picking."""
+        own = [objects_of(pick, dict(self.styles)) for pick in self.picks]
+        return sequences(own, self.pairs, self.seed)
+
     def partners(self) -> dict[str, tuple[str, ...]]:
-        """Return, for each first object, the objects that are picked after it."""
-        return partners(self.styles.pinch, self.styles.side, self.pairs, self.seed)
+        """Return, for each first object, the objects that are picked after it in a sequence of two."""
+        found: dict[str, list[str]] = {first: [] for first in objects_of(self.picks[0], dict(self.styles))}
+        for first, second, *_ in self.sequences():
+            found[first].append(second)
+        return {first: tuple(seconds) for first, seconds in found.items()}
 
 
 def _inside(path: str, folder: Path) -> bool:
@@ -263,21 +286,40 @@ def load_parameters(sections: Collection[str], source: Path = paths.PARAMETERS_F
     return {name: _section(parameters, name, source) for name in sections}
 
 
-def load_pairs(first: str = "", source: Path = paths.PARAMETERS_FILE) -> dict[str, tuple[str, ...]]:
-    """Return, for each first object, the objects that are picked after it; needs ``seed``, ``styles`` and ``pairs``.
+def load_sequences(first: str = "", source: Path = paths.PARAMETERS_FILE) -> list[tuple[str, ...]]:
+    """Return the objects of every sequence, in the order of picking; needs ``seed``, ``styles``, ``pairs``, ``picks``.
 
     Args:
-        first: only this one, when it is given.
+        first: only those that begin with this object, when it is given.
 
     Raises:
-        UserError: see :func:`read_parameters`, or ``styles.pinch`` does not name ``first``.
+        UserError: see :func:`read_parameters`, or there is no such first object.
     """
-    known = read_parameters(source).partners()
+    parameters = read_parameters(source)
+    known = objects_of(parameters.picks[0], dict(parameters.styles))
     if first and first not in known:
         raise UserError(
-            f"{source}: styles.pinch does not name {first!r}; add it there, or use one of {', '.join(known) or 'none'}."
+            f"{source}: styles.{parameters.picks[0].style} does not name {first!r}; add it there, or use one of "
+            f"{', '.join(known) or 'none'}."
         )
-    return {first: known[first]} if first else known
+    return [names for names in parameters.sequences() if first in ("", names[0])]
+
+
+def load_pairs(first: str = "", source: Path = paths.PARAMETERS_FILE) -> dict[str, tuple[str, ...]]:
+    """Return, for each first object, the objects that are picked after it; see :func:`load_sequences`.
+
+    Raises:
+        UserError: as there, or sequences are longer.
+    """
+    found: dict[str, list[str]] = {}
+    for names in load_sequences(first, source):
+        if len(names) != 2:
+            raise UserError(
+                f"{source}: `picks` has {len(names)} entries, and the learned model knows two objects; run "
+                "`./dev repro evaluate@synthesized`, which does without it, or name two."
+            )
+        found.setdefault(names[0], []).append(names[1])
+    return {name: tuple(seconds) for name, seconds in found.items()}
 
 
 def require_allegro(parameters: Parameters, source: Path = paths.PARAMETERS_FILE) -> None:

@@ -26,7 +26,7 @@ class HarderSetting(Section):
 class HarderParameters(Section):
     """Which pairs are tried, how often, and in which settings."""
 
-    pairs: list[tuple[str, str]] = Field(description="Object picked first, object picked second.")
+    pairs: list[tuple[str, ...]] = Field(description="Objects in the order of picking.")
     trials: int = Field(
         25, ge=1, le=1000, description="Trials per pair, the first ones of the standard trials: at most as many."
     )

@@ -1,4 +1,4 @@
-"""`merge`: two-object grasps from validated single ones."""
+"""`merge`: grasps of several objects from validated single ones."""
 
 from __future__ import annotations
 
@@ -25,6 +25,12 @@ class MergeParameters(Section):
     )
     approach_lengths: list[Annotated[float, Field(gt=0, le=0.5)]] = Field(
         [0.2, 0.12, 0.07], min_length=1, description="Straight second approach, m, longest that is free."
+    )
+    approach_clearance: float | None = Field(
+        None,
+        ge=0,
+        description="Least distance to an object after the first on the straight way to it, m; of all but what touches "
+        "it at the end. Fingers that hold other objects cannot open for it. null: touching nothing is enough.",
     )
     physics_test: bool = Field(True, description="Six gravities with both objects in the hand.")
     most_per_grasp: int = Field(
