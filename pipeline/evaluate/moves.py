@@ -42,8 +42,8 @@ class PickTask:
 
     Attributes:
         arm_q: (7,) where the arm is.
-        hand_q: (16,) posture during approach and entry.
-        closed_q: (16,) posture of the lift.
+        hand_q: (J,) posture during approach and entry.
+        closed_q: (J,) posture of the lift.
         target: the object to grasp, where it stands.
         T_hand_target: (4, 4) its pose in the hand when grasped.
         held: what the hand holds already, with ``T_hand_object``.

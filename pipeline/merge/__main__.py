@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
@@ -68,9 +67,7 @@ def merge(only: str) -> None:
         return distinct_grasps(hand, validated_grasps(table), groups, number, settings.distinct_distance)
 
     def work(keys: Sequence[str], keep: Keep) -> Work[None]:
-        objects = {
-            name: load_prepared_object(name) for name in dict.fromkeys(name for key in keys for name in key.split("/"))
-        }
+        objects = {name: load_prepared_object(name) for name in {name for key in keys for name in key.split("/")}}
 
         def inputs(key: str) -> Inputs:
             names = key.split("/")
@@ -82,30 +79,16 @@ def merge(only: str) -> None:
 
         def finish(key: str, table: pd.DataFrame) -> None:
             keep(key, tables.rows(table))
-            told = key.replace("/", " then ")
-            print(f"{told}: {summary(table)}")
-            accepted = int((table["rejected_by"] == "").sum())
-            if accepted < settings.grasps_per_pair:
-                each = zip(range(len(styles)), key.split("/"), styles, strict=True)
-                known = " and ".join(f"{len(grasps(number, name))} {style}" for number, name, style in each)
-                print(
-                    f"warning: {accepted} of {settings.grasps_per_pair} grasps of {told}; there were {known} grasps to "
-                    "combine.",
-                    file=sys.stderr,
-                )
+            print(f"{key.replace('/', ' then ')}: {summary(table)}")
+            counts = [len(grasps(number, name)) for number, name in enumerate(key.split("/"))]
+            _warn(key, table, settings.grasps_per_pair, list(zip(styles, counts, strict=True)))
 
         yield from merging({key: inputs(key) for key in keys}, finish)
 
     def begin(keys: Sequence[str], keep: Keep) -> list[tuple[str, Any]]:
-        wanted, of_first = set(keys), defaultdict(list)
-        for names in sequences:
-            if "/".join(names) in wanted:
-                of_first[names[0]].append("/".join(names))
-        return [
-            (first, partial(work, own[place : place + SIDE_BY_SIDE], keep))
-            for first, own in of_first.items()
-            for place in range(0, len(own), SIDE_BY_SIDE)
-        ]
+        wanted = set(keys)
+        chosen = [names for names in sequences if "/".join(names) in wanted]
+        return [(own[0].split("/")[0], partial(work, own, keep)) for own in _side_by_side(chosen)]
 
     if only:
         make_by_hand(stage, list(digests), begin, workers)
@@ -113,6 +96,32 @@ def merge(only: str) -> None:
     del parameters["styles"], parameters["pairs"]
     common = digest(own_fingerprint("merge"), parameters, hand_digest(hand.name))
     make_items(stage, {key: digest(common, key, own) for key, own in digests.items()}, begin, workers)
+
+
+def _side_by_side(sequences: Sequence[tuple[str, ...]]) -> Iterator[list[str]]:
+    """Yield the keys of sequences that begin alike, at most ``SIDE_BY_SIDE`` at once."""
+    of_first: dict[str, list[str]] = {}
+    for names in sequences:
+        of_first.setdefault(names[0], []).append("/".join(names))
+    for own in of_first.values():
+        for place in range(0, len(own), SIDE_BY_SIDE):
+            yield own[place : place + SIDE_BY_SIDE]
+
+
+def _warn(key: str, table: pd.DataFrame, wanted: int, counts: Sequence[tuple[str, int]]) -> None:
+    """Say so when fewer grasps were accepted than wanted.
+
+    Args:
+        counts: style of the single grasps of each object, and how many there were.
+    """
+    accepted = int((table["rejected_by"] == "").sum())
+    if accepted < wanted:
+        known = " and ".join(f"{count} {style}" for style, count in counts)
+        print(
+            f"warning: {accepted} of {wanted} grasps of {key.replace('/', ' then ')}; there were {known} grasps to "
+            "combine.",
+            file=sys.stderr,
+        )
 
 
 def _digest(style: str, name: str) -> str:

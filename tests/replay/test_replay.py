@@ -137,7 +137,7 @@ def test_command_says_that_the_outcome_is_the_same(evaluated: Path, replayed: Re
 
 def test_one_changed_bit_is_another_outcome(project: Path, capsys) -> None:
     rows = read_table(TABLE, TRIALS, "evaluate")
-    rows.loc[1, "heights"][1] = np.nextafter(rows.loc[1, "heights"][1], 1.0)
+    rows.at[1, "heights"] = np.nextafter(rows.at[1, "heights"], 1.0)
     rows.loc[1, "reason"] = "second slip"
     write_table(TABLE, rows, TRIALS)
     assert command.main(["--check", "9"]) == 1
