@@ -24,24 +24,25 @@ import pandas as pd  # noqa: E402
 
 import pipeline  # noqa: E402, F401  (sets the thread counts before numpy is imported)
 from pipeline.compute.fan_out import fan_out  # noqa: E402
-from pipeline.evaluate.inputs import inputs_of_pairs, pairs_of, sections  # noqa: E402
+from pipeline.evaluate.inputs import inputs_of, sections, sequences_of  # noqa: E402
 from pipeline.evaluate.trial import TrialInput, run_trial  # noqa: E402
+from pipeline.hand.model import load_hand  # noqa: E402
 from pipeline.records.parameters import load_parameters, read_parameters  # noqa: E402
 from pipeline.records.parameters.harder import overridden  # noqa: E402
 from pipeline.records.sources import SOURCES  # noqa: E402
 
 STANDARD = "standard"
-IDENTITY = ["source", "object0", "object1", "trial"]
+IDENTITY = ["source", "objects", "trial"]
 
 
 def trials_of(source: str, physics: dict[str, float], trials: int) -> list[TrialInput]:
     """Return the inputs of the first ``trials`` trials of every pair of a source, with changed physics."""
-    parameters = load_parameters(sections(source))
+    parameters, hand = load_parameters(sections(source)), load_hand("allegro")
     changed = {**parameters, "physics": overridden(parameters["physics"], physics)}
     return [
         trial
-        for first, seconds in pairs_of(source, parameters).items()
-        for trial in inputs_of_pairs(source, first, seconds, changed)
+        for objects in sequences_of(source, parameters)
+        for trial in inputs_of(source, objects, changed, hand)
         if trial.trial < trials
     ]
 
@@ -50,6 +51,7 @@ def timed_trial(own: dict[str, Any], inputs: TrialInput) -> dict[str, Any]:
     """Run one trial; return ``own``, how it ended and the CPU seconds that it took."""
     begin = time.process_time()
     row = run_trial(inputs)
+    row["objects"] = "/".join(row["objects"])
     return {**own, **{name: row[name] for name in [*IDENTITY, "success", "reason"]}, "cpu": time.process_time() - begin}
 
 

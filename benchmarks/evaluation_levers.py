@@ -30,13 +30,15 @@ import pandas as pd  # noqa: E402
 import pipeline  # noqa: E402, F401  (sets the thread counts before numpy is imported)
 from pipeline.compute.fan_out import fan_out  # noqa: E402
 from pipeline.evaluate.grasps import accepted_grasps  # noqa: E402
-from pipeline.evaluate.scene import without_grid  # noqa: E402
 from pipeline.evaluate.trial import run_trial, trial_inputs  # noqa: E402
+from pipeline.hand.model import load_hand  # noqa: E402
+from pipeline.pairing.task import groups_of  # noqa: E402
 from pipeline.records import paths  # noqa: E402
-from pipeline.records.objects import load_prepared_object  # noqa: E402
+from pipeline.records.flat import PAIR_TRIALS, read_flat  # noqa: E402
+from pipeline.records.kept import kept_object  # noqa: E402
 from pipeline.records.parameters import Parameters, read_parameters  # noqa: E402
 from pipeline.records.parameters.harder import overridden  # noqa: E402
-from pipeline.records.tables import MERGED, TRIALS, pair_rows, read_table  # noqa: E402
+from pipeline.records.tables import MERGED, read_table, rows_of  # noqa: E402
 
 Pair = tuple[str, str]
 IDENTITY = ["object0", "object1", "trial"]
@@ -85,17 +87,19 @@ def trials_of(lever: Lever, pair: Pair, parameters: Parameters, trials: int, set
     harder = parameters.harder.settings[setting] if setting else None
     evaluate = {**(harder.evaluate if harder else {}), **lever.evaluate}
     physics = {**(harder.physics if harder else {}), **lever.physics}
-    table = pair_rows(read_table(paths.merged_file(pair[0]), MERGED, "merge"), pair[1])
-    grasps = accepted_grasps(table)
+    table = rows_of(read_table(paths.merged_file(pair[0]), MERGED, "merge"), pair)
+    hand = load_hand("allegro")
+    grasps = accepted_grasps(table, hand, groups_of(parameters.picks))
     if lever.choose:
         passed = table[table["rejected_by"] == ""]
         order = passed.loc[lever.choose(passed).sort_values(kind="stable").index, "merged_id"]
         by_id = {grasp.merged_id: grasp for grasp in grasps}
         grasps = [by_id[number] for number in order]
-    first, second = (without_grid(load_prepared_object(name)) for name in pair)
     return trial_inputs(
         "synthesized",
-        (first, second),
+        hand,
+        parameters.picks,
+        [kept_object(name, grid=False) for name in pair],
         grasps,
         overridden(parameters.evaluate, evaluate),
         overridden(parameters.physics, physics),
@@ -106,10 +110,10 @@ def trials_of(lever: Lever, pair: Pair, parameters: Parameters, trials: int, set
 def standard_trials(pairs: list[Pair], trials: int, setting: str) -> pd.DataFrame:
     """Return the rows of the first ``trials`` trials of every pair that the pipeline has run."""
     if setting:
-        rows = read_table(paths.harder_file(setting), TRIALS, "evaluate-harder")
+        rows = read_flat(paths.harder_file(setting), PAIR_TRIALS, "evaluate-harder")
     else:
         files = dict.fromkeys(paths.trials_file("synthesized", first) for first, _ in pairs)
-        rows = pd.concat([read_table(file, TRIALS, "evaluate@synthesized") for file in files])
+        rows = pd.concat([read_flat(file, PAIR_TRIALS, "evaluate@synthesized") for file in files])
     own = [pair in pairs for pair in zip(rows["object0"], rows["object1"], strict=True)]
     return rows.loc[np.array(own) & (rows["trial"] < trials), KEPT].reset_index(drop=True)
 
@@ -117,7 +121,7 @@ def standard_trials(pairs: list[Pair], trials: int, setting: str) -> pd.DataFram
 def spread(parameters: Parameters, count: int) -> list[Pair]:
     """Return ``count`` pairs: those of ``harder.pairs`` first, then all others in order."""
     every = [(first, second) for first, seconds in parameters.partners().items() for second in seconds]
-    return list(dict.fromkeys([*parameters.harder.pairs, *every]))[:count]
+    return list(dict.fromkeys([*((first, second) for first, second in parameters.harder.pairs), *every]))[:count]
 
 
 def summary(outcomes: dict[str, pd.DataFrame]) -> pd.DataFrame:
@@ -153,6 +157,7 @@ def summary(outcomes: dict[str, pd.DataFrame]) -> pd.DataFrame:
 def _timed_trial(inputs: Any) -> dict[str, Any]:
     begin = time.process_time()
     row = run_trial(inputs)
+    row |= dict(zip(IDENTITY, row["objects"], strict=False))
     return {name: row[name] for name in KEPT} | {"seconds": time.process_time() - begin}
 
 
@@ -171,7 +176,8 @@ def main() -> None:
     most = parameters.harder.trials if chosen.setting else parameters.evaluate.trials
     if not 1 <= chosen.trials <= most:
         parser.error(f"--trials must be 1 to {most}, as many as the run has")
-    pairs = parameters.harder.pairs[: chosen.pairs] if chosen.setting else spread(parameters, chosen.pairs)
+    hard = [(first, second) for first, second in parameters.harder.pairs]
+    pairs = hard[: chosen.pairs] if chosen.setting else spread(parameters, chosen.pairs)
     digest = hashlib.sha256(f"{parameters.seed} {chosen.trials} {pairs} {chosen.setting}".encode())
     for section in (parameters.evaluate, parameters.physics, parameters.harder):
         digest.update(section.model_dump_json().encode())

@@ -21,7 +21,7 @@ import hashlib
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,17 +33,18 @@ import pandas as pd  # noqa: E402
 import pipeline  # noqa: E402, F401  (sets the thread counts before numpy is imported)
 from benchmarks.learned_objectives import chosen_pairs, commit, composed  # noqa: E402
 from pipeline.energy.scene import compile_kernels  # noqa: E402
-from pipeline.evaluate.grasps import TwoObjectGrasp, grasp_from_row  # noqa: E402
-from pipeline.evaluate.scene import without_grid  # noqa: E402
+from pipeline.evaluate.grasps import SequenceGrasp, grasp_from_row  # noqa: E402
 from pipeline.evaluate.trial import run_trial, trial_inputs  # noqa: E402
 from pipeline.hand.model import Hand, load_hand  # noqa: E402
 from pipeline.model.checkpoint import Checkpoint, read_checkpoint  # noqa: E402
 from pipeline.model.network import GraspModel  # noqa: E402
-from pipeline.pairing.combination import Pair  # noqa: E402
+from pipeline.pairing.task import task_of  # noqa: E402
+from pipeline.records.digests import digest  # noqa: E402
+from pipeline.records.kept import without_grid  # noqa: E402
 from pipeline.records.objects import PreparedObject, load_prepared_object  # noqa: E402
 from pipeline.records.parameters import Parameters  # noqa: E402
 from pipeline.report.comparisons import ABLATION_FILE, write_comparison  # noqa: E402
-from pipeline.sample.proposals import Task, check_sample, checked_pair, pair_energy  # noqa: E402
+from pipeline.sample.proposals import SampleRequest, check_sample, checked_pair, pair_energy  # noqa: E402
 from pipeline.sample.quality import penetration_depth  # noqa: E402
 from pipeline.sample.refinement import PairEnergy, Scored, refine  # noqa: E402
 from pipeline.sample.sampling import sample_grasps  # noqa: E402
@@ -83,7 +84,7 @@ def timed(function: Callable[[], Any]) -> tuple[Any, float]:
 class Samples:
     """The draws of one pair, raw and refined, and what was found out about them; nothing is computed twice."""
 
-    task: Task
+    task: SampleRequest
     energy: PairEnergy
     states: dict[bool, Scored]  # by whether they are refined
     seconds: dict[bool, float]  # CPU s of drawing and scoring
@@ -116,24 +117,25 @@ class Samples:
 
     def outcome(self, index: int, row: dict[str, Any]) -> str:
         """Return why the trial of a draw's grasp failed; '' for a success."""
-        grasp = grasp_from_row(row | {"merged_id": index})
+        grasp = grasp_from_row(row | {"merged_id": index}, self.task.pair.hand, self.task.pair.groups)
         key = (index, _content(grasp))
         if key not in self.outcomes:
             settings = self.parameters.evaluate.model_copy(
                 update={"trials": len(self.states[True].grasps), "planning_attempts": 1}
             )
-            objects = without_grid(self.task.pair.object0), without_grid(self.task.pair.object1)
-            inputs = trial_inputs("learned", objects, [grasp], settings, self.parameters.physics, self.parameters.seed)
+            objects = [without_grid(item) for item in self.task.pair.objects]
+            own = self.parameters
+            inputs = trial_inputs(
+                "learned", self.task.pair.hand, own.picks, objects, [grasp], settings, own.physics, own.seed
+            )
             result, seconds = timed(lambda: run_trial(inputs[index]))
             self.outcomes[key] = result["reason"]
             self.trial_seconds += seconds
         return self.outcomes[key]
 
 
-def _content(grasp: TwoObjectGrasp) -> bytes:
-    values = [grasp.q, grasp.squeeze_q, grasp.open_q0, grasp.open_q1, grasp.T_hand_object0, grasp.T_hand_object1]
-    values += [grasp.approach_direction0, grasp.approach_direction1, np.array(grasp.approach_length1)]
-    return b"".join(np.ascontiguousarray(value).tobytes() for value in values)
+def _content(grasp: SequenceGrasp) -> str:
+    return digest(replace(grasp, merged_id=0))
 
 
 def draw_samples(
@@ -147,9 +149,9 @@ def draw_samples(
     """Draw and refine the samples of one pair, as the stage `sample` does."""
     settings, synthesize = parameters.train.sampling, parameters.synthesize
     names = objects[0].name, objects[1].name
-    task = Task(
-        pair=Pair(*objects, parameters.merge, parameters.physics, parameters.validate_),
-        hand=hand,
+    checks = parameters.merge, parameters.physics, parameters.validate_
+    task = SampleRequest(
+        pair=task_of(hand, parameters.picks, objects, *checks),
         points=(objects[0].surface_points, objects[1].surface_points),
         settings=settings,
         energy=synthesize.energy,
@@ -175,7 +177,9 @@ def judge_pair(samples: Samples, count: int, trials: int) -> pd.DataFrame:
         found, seconds = samples.taken(steps, count)
         scored = samples.states[steps.refine].chosen(np.array(found, dtype=np.int64))
         depths = [
-            penetration_depth(samples.task.hand, item, field, scored.grasps.T_hand_object[:, slot], scored.grasps.q)
+            penetration_depth(
+                samples.task.pair.hand, item, field, scored.grasps.T_hand_object[:, slot], scored.grasps.q
+            )
             for slot, (item, field) in enumerate(zip(samples.energy.objects, samples.energy.fields, strict=True))
         ]
         depth = np.maximum(*depths)

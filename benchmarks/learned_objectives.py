@@ -34,10 +34,10 @@ from pipeline.hand.model import load_hand  # noqa: E402
 from pipeline.model.checkpoint import Checkpoint  # noqa: E402
 from pipeline.model.representation import GraspBatch  # noqa: E402
 from pipeline.records import paths  # noqa: E402
+from pipeline.records.flat import PAIR_GRASPS, pair_rows, read_flat  # noqa: E402
 from pipeline.records.objects import load_prepared_object  # noqa: E402
 from pipeline.records.parameters import Parameters, read_parameters  # noqa: E402
 from pipeline.records.parameters.train import DiffusionParameters, TrainingParameters  # noqa: E402
-from pipeline.records.tables import MERGED, pair_rows, read_table  # noqa: E402
 from pipeline.report.comparisons import OBJECTIVES_FILE, write_comparison  # noqa: E402
 from pipeline.sample.quality import grasp_distances, penetration_depth  # noqa: E402
 from pipeline.sample.refinement import PairEnergy, Scored, refine  # noqa: E402
@@ -188,7 +188,7 @@ def main() -> None:
     partners, settings = parameters.partners(), parameters.train
     pairs = [(first, second) for first, seconds in partners.items() for second in seconds]
     objects = {name: load_prepared_object(name) for name in dict.fromkeys(name for pair in pairs for name in pair)}
-    merged = {first: read_table(paths.merged_file(first), MERGED, "merge") for first in dict(pairs)}
+    merged = {first: read_flat(paths.merged_file(first), PAIR_GRASPS, "merge") for first in dict(pairs)}
     tables = {pair: pair_rows(merged[pair[0]], pair[1]) for pair in pairs}
     examples = gather_examples(tables, objects, settings.data, settings.encoder, parameters.seed)
     judged = chosen_pairs(examples.pairs, settings.data.held_out_pairs, chosen.pairs)

@@ -33,11 +33,13 @@ import yaml
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 from pipeline.records import paths  # noqa: E402
+from pipeline.records.flat import PAIR_GRASPS, PAIR_TRIALS, stored  # noqa: E402
 from pipeline.records.objects import write_mesh  # noqa: E402
 from pipeline.records.parameters import read_parameters  # noqa: E402
 from pipeline.records.sources import OF_ALL_PAIRS  # noqa: E402
-from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED, write_table  # noqa: E402
+from pipeline.records.tables import CANDIDATES, VALIDATED, write_table  # noqa: E402
 from pipeline.records.writing import write_json  # noqa: E402
+from tests import pairs  # noqa: E402
 from tests.report import made_up  # noqa: E402
 
 CHAINS = 192
@@ -97,7 +99,8 @@ class Template:
 
     def __init__(self, rows: pd.DataFrame, schema: pa.Schema) -> None:
         with tempfile.TemporaryDirectory() as folder:
-            write_table(Path(folder) / "rows.parquet", rows, schema)
+            write = write_table if stored(schema) is schema else pairs.write_pairs
+            write(Path(folder) / "rows.parquet", rows, schema)
             self.table = pq.read_table(Path(folder) / "rows.parquet").combine_chunks()
 
     def write(self, target: Path, **columns: Any) -> None:
@@ -141,17 +144,17 @@ def write_pairs(partners: dict[str, tuple[str, ...]], trials: int, generator: np
     templates = {}
     for count in {len(own) for own in partners.values()}:
         rows = grasps.head(count * (ACCEPTED + REJECTED))
-        templates[count] = Template(rows, MERGED), Template(pd.concat([tried] * (count * trials)), TRIALS)
+        templates[count] = Template(rows, PAIR_GRASPS), Template(pd.concat([tried] * (count * trials)), PAIR_TRIALS)
     quality: dict[str, dict[str, Any]] = {}
     for first, seconds in partners.items():
         merged, outcomes = templates[len(seconds)]
         size = len(seconds) * (ACCEPTED + REJECTED)
-        own = {"object0": [first] * size, "object1": np.repeat(seconds, ACCEPTED + REJECTED)}
+        names = [[first, second] for second in np.repeat(seconds, ACCEPTED + REJECTED)]
         for file in (paths.merged_file(first), paths.sampled_file("learned", first)):
             fates = np.tile(np.repeat(["", "hand_clearance"], [ACCEPTED, REJECTED]), len(seconds))
-            used = {name: generator.integers(0, 60, size) for name in ("grasp0_id", "grasp1_id")}
+            used = np.stack([generator.integers(0, 60, size) for _ in (0, 1)], axis=1)
             drifts = list(np.round(generator.gamma(2.0, 0.0015, (size, 6)), 6))
-            merged.write(file, **own, **used, rejected_by=fates, gravity_drift=drifts)
+            merged.write(file, objects=names, grasp_ids=list(used), rejected_by=fates, gravity_drift=drifts)
         for source in OF_ALL_PAIRS:
             chance = np.repeat(generator.beta(30, 1.5, len(seconds)), trials)
             good = generator.random(len(chance)) < chance
@@ -159,8 +162,7 @@ def write_pairs(partners: dict[str, tuple[str, ...]], trials: int, generator: np
                 paths.trials_file(source, first),
                 trial=np.tile(np.arange(trials), len(seconds)),
                 source=[source] * len(good),
-                object0=[first] * len(good),
-                object1=np.repeat(seconds, trials),
+                objects=[[first, second] for second in np.repeat(seconds, trials)],
                 success=good,
                 success_10cm=good,
                 reason=np.where(good, "", generator.choice(REASONS, len(good))),

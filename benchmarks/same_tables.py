@@ -1,5 +1,7 @@
 """Compare all results of two checkouts, whatever files they are cut into: `python benchmarks/same_tables.py OLD NEW`.
 
+Tables of two objects are compared with a column per object, as they were before they held lists.
+
 Tables are compared row by row and column by column, prepared objects array by array, and everything else by its bytes.
 Knows the layout before and after stages became constant in number. Exit code 1: something differs.
 """
@@ -15,6 +17,11 @@ import pandas as pd
 import pyarrow.parquet as pq
 import trimesh
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from pipeline.records.flat import PAIR_GRASPS, PAIR_TRIALS, flat  # noqa: E402
+from pipeline.records.objects import read_prepared_object  # noqa: E402
+
 # Where tables of pairs lie: earlier with one file per pair, now with one per first object.
 PAIRS = {
     "merge": ("data/merge", "data/merge"),
@@ -25,18 +32,26 @@ AS_THEY_ARE = ("data/synthesize", "data/validate", "data/evaluate")
 BYTES = ("models/train", "data/capture", "data/reconstruct")
 
 
+def read(path: Path) -> pd.DataFrame:
+    """Return a table, one of pairs with a column per object."""
+    table = pq.read_table(path)
+    if "objects" not in table.column_names:
+        return table.to_pandas(ignore_metadata=True)
+    return flat(table, PAIR_GRASPS if "grasp_ids" in table.column_names else PAIR_TRIALS).to_pandas(
+        ignore_metadata=True
+    )
+
+
 def tables(root: Path) -> dict[str, pd.DataFrame]:
     """Return all tables of a checkout by a name that does not depend on its layout."""
     found = {}
     for folder in AS_THEY_ARE:
         for path in sorted((root / folder).rglob("*.parquet")):
-            found[path.relative_to(root / "data").as_posix()] = pq.read_table(path).to_pandas()
+            found[path.relative_to(root / "data").as_posix()] = read(path)
     for name, folders in PAIRS.items():
         for folder in dict.fromkeys(folders):
             for path in sorted((root / folder).rglob("*.parquet")):
-                for (first, second), rows in (
-                    pq.read_table(path).to_pandas().groupby(["object0", "object1"], sort=False)
-                ):
+                for (first, second), rows in read(path).groupby(["object0", "object1"], sort=False):
                     found[f"{name} {first} {second}"] = rows.reset_index(drop=True)
     return found
 
@@ -46,9 +61,6 @@ def prepared(folder: Path) -> dict[str, np.ndarray]:
     mesh = trimesh.load(folder / "mesh.ply", process=False)
     arrays = {"vertices": mesh.vertices, "faces": mesh.faces}
     if (folder / "shapes.npz").exists():
-        sys.path.insert(0, str(Path(__file__).parent.parent))
-        from pipeline.records.objects import read_prepared_object
-
         item = read_prepared_object(folder)
         parts, distance = item.parts, item.distance
         surface = np.concatenate([item.surface_points, item.surface_normals], axis=1).astype(np.float32)

@@ -22,9 +22,9 @@ import yaml
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
+from pipeline.records.flat import PAIR_TRIALS, read_flat
 from pipeline.records.parameters import Parameters, read_parameters
 from pipeline.records.sources import OF_ALL_PAIRS
-from pipeline.records.tables import TRIALS, read_table
 from pipeline.records.writing import whole_file
 from pipeline.stages.running import command
 from tools.machine import package_versions
@@ -59,7 +59,7 @@ def all_trials(parameters: Parameters) -> pd.DataFrame:
         if seconds
     }
     files |= {(name, ""): (paths.harder_file(name), "evaluate-harder") for name in parameters.harder.settings}
-    parts = [read_table(file, TRIALS, stage)[COLUMNS].assign(table=key[0]) for key, (file, stage) in files.items()]
+    parts = [read_flat(file, PAIR_TRIALS, stage)[COLUMNS].assign(table=key[0]) for key, (file, stage) in files.items()]
     return pd.concat(parts, ignore_index=True)[["table", *COLUMNS]]
 
 

@@ -1,15 +1,15 @@
 """Robot trials of all pairs: ``data/evaluate/<source>/<first object>.parquet``.
 
-`python -m pipeline.evaluate --source synthesized` brings all trials up to date, `--object cube` runs those of the pairs
-that begin with one object by hand.
+`python -m pipeline.evaluate --source synthesized` brings all trials up to date, `--object cube` runs those that begin
+with one object by hand. With `picks` of more than two objects they are trials of the whole sequences.
 """
 
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
 
-from pipeline.evaluate.inputs import inputs_of_pair, pairs_of, sections, trial_digests
+from pipeline.evaluate.inputs import inputs_of, sections, sequences_of, trial_digests
 from pipeline.records import paths
 from pipeline.records.digests import digest, hand_digest
 from pipeline.records.parameters import load_with_workers
@@ -21,9 +21,6 @@ from pipeline.stages.items import Stage, make_by_hand, make_items
 from pipeline.stages.outputs import Tables
 from pipeline.stages.running import run_stage
 
-if TYPE_CHECKING:
-    from pipeline.evaluate.trial import TrialInput
-
 
 def evaluate(source: str, only: str) -> None:
     """Run the trials of a source that are not up to date, or those of one first object by hand.
@@ -32,39 +29,36 @@ def evaluate(source: str, only: str) -> None:
         UserError: an input is missing or damaged, or params.yaml does not name the object for this source.
     """
     parameters, workers = load_with_workers(sections(source))
-    pairs = [(first, second) for first, seconds in pairs_of(source, parameters, only).items() for second in seconds]
+    sequences = ["/".join(names) for names in sequences_of(source, parameters, only)]
 
     from pipeline.evaluate.trials import trials_of
+    from pipeline.hand.model import load_hand
 
-    tables = Tables(paths.trials_file(source, "").parent, TRIALS, ("object1", "trial"))
+    hand = load_hand(ALLEGRO)
+    tables = Tables(paths.trials_file(source, "").parent, TRIALS, ("objects", "trial"))
     stage = Stage(f"evaluate@{source}", "trials", tables)
-
-    def inputs_of(pair: str) -> list[TrialInput]:
-        first, second = pair.split("/")
-        return inputs_of_pair(source, first, second, parameters)
-
-    with trials_of(tables, inputs_of) as begin:
+    with trials_of(tables, lambda objects: inputs_of(source, objects.split("/"), parameters, hand)) as begin:
         if only:
             numbers = range(parameters["evaluate"].trials)
-            make_by_hand(stage, [f"{'/'.join(pair)}/{number}" for pair in pairs for number in numbers], begin, workers)
+            make_by_hand(stage, [f"{objects}/{number}" for objects in sequences for number in numbers], begin, workers)
         else:
-            common = digest(own_fingerprint("evaluate"), hand_digest(ALLEGRO))
+            common = digest(own_fingerprint("evaluate"), hand_digest(hand.name))
             fingerprints = {
-                f"{'/'.join(pair)}/{number}": digest(common, own)
-                for pair in pairs
-                for number, own in enumerate(trial_digests(source, *pair, parameters))
+                f"{objects}/{number}": digest(common, own)
+                for objects in sequences
+                for number, own in enumerate(trial_digests(source, objects.split("/"), parameters, hand))
             }
             make_items(stage, fingerprints, begin, workers)
-    _print_outcomes(source, pairs)
+    _print_outcomes(source, dict.fromkeys(objects.split("/")[0] for objects in sequences))
 
 
-def _print_outcomes(source: str, pairs: list[tuple[str, str]]) -> None:
+def _print_outcomes(source: str, firsts: Iterable[str]) -> None:
     from pyarrow.parquet import read_table
 
-    for first in dict.fromkeys(first for first, _ in pairs):
-        rows = read_table(paths.trials_file(source, first), columns=["object1", "success"]).to_pandas()
-        for second, own in rows.groupby("object1", sort=False):
-            print(f"{first} then {second}: {int(own['success'].sum())} of {len(own)} trials lifted both objects")
+    for first in firsts:
+        rows = read_table(paths.trials_file(source, first), columns=["objects", "success"]).to_pandas()
+        for objects, own in rows.groupby(rows["objects"].map(" then ".join), sort=False)["success"]:
+            print(f"{objects}: {int(own.sum())} of {len(own)} trials lifted all objects")
 
 
 def main() -> int:

@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.evaluate.scene import START_ARM, START_HAND, Scene
-from pipeline.evaluate.sequence import ORDINALS, Phase, Posture
+from pipeline.evaluate.sequence import Phase, Posture
+from pipeline.records.ordinals import ORDINALS
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.poses import inverse_pose, position_quaternion
+from pipeline.records.trial_reasons import TrialReason
 
 RELEASED_HEIGHT = 0.1  # m, the released code's criterion
 # A pick lifted its object when the object rose by this share of the hand's own lift.
@@ -21,7 +23,11 @@ LOST = 0.05  # m, motion in the hand after which a held object counts as lost on
 
 
 class Ended(Exception):
-    """The sequence cannot go on; the text is the reason."""
+    """The sequence cannot go on."""
+
+    def __init__(self, reason: TrialReason) -> None:
+        super().__init__(reason.value)
+        self.reason = reason
 
 
 @dataclass
@@ -81,7 +87,7 @@ class Run:
     def _control(self, arm: NDArray[np.float64], hand: NDArray[np.float64], arm_velocity: NDArray[np.float64]) -> None:
         """Set targets for one control period and let it pass."""
         self.posture = Posture(arm, hand)
-        self.scene.robot.set_targets(np.concatenate([arm, hand]), np.concatenate([arm_velocity, np.zeros(16)]))
+        self.scene.robot.set_targets(np.concatenate([arm, hand]), np.concatenate([arm_velocity, np.zeros_like(hand)]))
         count = self.scene.world.frequency // self.settings.control_frequency
         self.scene.world.step(count)
         self.steps += count
@@ -90,22 +96,22 @@ class Run:
 
     def _judge(self, name: str, number: int) -> None:
         """End the sequence when the phase of one pick just completed did not do what it should."""
-        settings, ordinal = self.settings, ORDINALS[number]
+        settings = self.settings
         last = number == self.count - 1
         if name == "open":
             self.held_poses = [self.pose_in_hand(index) for index in range(number)]
         if name == "enter":
             for index in range(number):
                 if np.linalg.norm((self.pose_in_hand(index) - self.held_poses[index])[:3, 3]) > LOST:
-                    raise Ended(f"{ORDINALS[index]} lost in transit")
+                    raise Ended(_lost(index))
             if max(self.push(index) for index in range(number, self.count)) > settings.push_limit:
-                raise Ended("collision on approach")
+                raise Ended(TrialReason.COLLISION_ON_APPROACH)
         if name == "lift" and not last and self.height(number) < LIFTED_SHARE * settings.first_lift_height:
-            raise Ended(f"{ordinal} slip")
+            raise Ended(_slip(number))
         if name == "lift" and last:
             for index, height in enumerate(self.heights):
                 if height < settings.success_height:
-                    raise Ended(f"{ordinal} slip" if index == number else f"{ORDINALS[index]} lost in transit")
+                    raise Ended(_slip(number) if index == number else _lost(index))
 
     def _hold(self, phase: Phase) -> None:
         self.under_way = phase.name
@@ -116,7 +122,7 @@ class Run:
         self._end_phase(phase.name)
         self.heights = lowest
         if lowest.min() < self.settings.success_height:
-            raise Ended("dropped in hold")
+            raise Ended(TrialReason.DROPPED)
 
     def pose(self, index: int) -> NDArray[np.float64]:
         """``T_world_object`` (4, 4) of one object now.
@@ -136,7 +142,7 @@ class Run:
 
     def pose_in_hand(self, index: int) -> NDArray[np.float64]:
         """``T_hand_object`` (4, 4) of one object now."""
-        return inverse_pose(_known(self.scene.robot.link_pose("base_link"))) @ self.pose(index)
+        return inverse_pose(_known(self.scene.robot.link_pose(self.scene.hand.link_names[0]))) @ self.pose(index)
 
     def _end_phase(self, phase: str) -> None:
         """Name the phase that was completed and remember what the scene looks like."""
@@ -145,29 +151,33 @@ class Run:
         self.snapshots.append((phase, self.scene.robot.q, poses))
         self.heights = np.array([self.height(index) for index in range(self.count)])
 
-    def outcome(self, reason: str) -> dict[str, Any]:
-        """Return how it went; ``reason`` '' is success.
-
-        With two objects these are columns of ``records.tables.TRIALS``, with more there are more of the same kind.
-        """
+    def outcome(self, reason: TrialReason | None) -> dict[str, Any]:
+        """Return how it went, as columns of ``records.tables.TRIALS``; without a ``reason`` it is a success."""
         lifted = next((s for s in self.snapshots if s[0] == f"lift {ORDINALS[self.count - 1]}"), None)
         rises = [] if lifted is None else [p[2] - T[2, 3] for p, T in zip(lifted[2], self.rest, strict=True)]
-        objects = range(self.count)
         return {
             "phase": self.phase,
-            "success": reason == "",
+            "success": reason is None,
             "success_10cm": bool(rises and min(rises) > RELEASED_HEIGHT),
-            "reason": reason,
-            **{f"height{index}": float(self.heights[index]) for index in objects},
-            **{f"push{index}": float(self.pushes[index]) for index in objects[1:]},
+            "reason": "" if reason is None else reason.value,
+            "heights": self.heights.tolist(),
+            "pushes": self.pushes.tolist(),
             "steps": self.steps,
             "snapshot_phases": [snapshot[0] for snapshot in self.snapshots],
             "snapshot_robot_q": [snapshot[1] for snapshot in self.snapshots],
-            **{f"snapshot_pose{index}": [snapshot[2][index] for snapshot in self.snapshots] for index in objects},
+            "snapshot_poses": [[snapshot[2][index] for snapshot in self.snapshots] for index in range(self.count)],
         }
+
+
+def _slip(number: int) -> TrialReason:
+    return TrialReason[f"{ORDINALS[number]}_slip".upper()]
+
+
+def _lost(number: int) -> TrialReason:
+    return TrialReason[f"{ORDINALS[number]}_lost".upper()]
 
 
 def _known(T: NDArray[np.float64]) -> NDArray[np.float64]:
     if not np.isfinite(T).all():
-        raise Ended("simulation diverged")
+        raise Ended(TrialReason.DIVERGED)
     return T

@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from pipeline.evaluate.inputs import inputs_of_pair, trial_digests
+from pipeline.evaluate.inputs import inputs_of, trial_digests
 from pipeline.records import paths
 from pipeline.records.digests import digest, hand_digest
 from pipeline.records.parameters import load_with_workers
@@ -25,11 +25,12 @@ from pipeline.stages.running import run_stage
 
 if TYPE_CHECKING:
     from pipeline.evaluate.trial import TrialInput
+    from pipeline.hand.model import Hand
 
 
 def sections() -> list[str]:
     """Return the sections of ``params.yaml`` that the stage depends on."""
-    return ["seed", "physics", "evaluate", "harder"]
+    return ["seed", "picks", "physics", "evaluate", "harder"]
 
 
 def changed(setting: HarderSetting, parameters: dict[str, Any]) -> dict[str, Any]:
@@ -40,29 +41,25 @@ def changed(setting: HarderSetting, parameters: dict[str, Any]) -> dict[str, Any
     """
     return {
         "seed": parameters["seed"],
+        "picks": parameters["picks"],
         "evaluate": overridden(parameters["evaluate"], setting.evaluate),
         "physics": overridden(parameters["physics"], setting.physics),
     }
 
 
-def inputs_of_setting(name: str, parameters: dict[str, Any]) -> list[TrialInput]:
-    """Return the inputs of all trials of one setting: the first ``harder.trials`` of the standard ones, changed.
+def inputs_of_setting(key: str, parameters: dict[str, Any], hand: Hand) -> list[TrialInput]:
+    """Return the inputs of all trials of one setting with some objects: the first standard ones, changed.
+
+    Args:
+        key: the setting's name and those of the objects, such as ``placement/cube/soup_can``.
 
     Raises:
         UserError: a table of grasps or an object is missing or damaged.
     """
-    return [
-        trial
-        for pair in parameters["harder"].pairs
-        for trial in _inputs_of_pair(f"{name}/{'/'.join(pair)}", parameters)
-    ]
-
-
-def _inputs_of_pair(key: str, parameters: dict[str, Any]) -> list[TrialInput]:
-    name, first, second = key.split("/")
+    name, *objects = key.split("/")
     setting = parameters["harder"].settings[name]
     # Which grasp a trial tries depends on how many trials the standard has: all are made before some are dropped.
-    inputs = inputs_of_pair(setting.source, first, second, changed(setting, parameters))
+    inputs = inputs_of(setting.source, objects, changed(setting, parameters), hand)
     return inputs[: parameters["harder"].trials]
 
 
@@ -78,24 +75,23 @@ def evaluate(only: str) -> None:
         require_name(only, harder.settings, "harder.settings", kind="setting")
 
     from pipeline.evaluate.trials import trials_of
+    from pipeline.hand.model import load_hand
 
-    tables = Tables(paths.harder_file("").parent, TRIALS, ("object0", "object1", "trial"))
+    hand = load_hand(ALLEGRO)
+    tables = Tables(paths.harder_file("").parent, TRIALS, ("objects", "trial"))
     stage = Stage("evaluate-harder", "trials", tables)
-    keys = [(name, first, second) for name in ([only] if only else harder.settings) for first, second in harder.pairs]
-    with trials_of(tables, lambda pair: _inputs_of_pair(pair, parameters)) as begin:
+    keys = ["/".join([name, *objects]) for name in ([only] if only else harder.settings) for objects in harder.pairs]
+    with trials_of(tables, lambda key: inputs_of_setting(key, parameters, hand)) as begin:
         if only:
-            make_by_hand(
-                stage, [f"{'/'.join(key)}/{number}" for key in keys for number in range(harder.trials)], begin, workers
-            )
+            make_by_hand(stage, [f"{key}/{number}" for key in keys for number in range(harder.trials)], begin, workers)
             return
-        common = digest(own_fingerprint("evaluate-harder"), hand_digest(ALLEGRO))
+        common = digest(own_fingerprint("evaluate-harder"), hand_digest(hand.name))
         fingerprints: dict[str, str] = {}
-        for name, first, second in keys:
+        for key in keys:
+            name, *objects = key.split("/")
             setting = harder.settings[name]
-            own = trial_digests(setting.source, first, second, changed(setting, parameters))[: harder.trials]
-            fingerprints |= {
-                f"{name}/{first}/{second}/{number}": digest(common, trial) for number, trial in enumerate(own)
-            }
+            own = trial_digests(setting.source, objects, changed(setting, parameters), hand)[: harder.trials]
+            fingerprints |= {f"{key}/{number}": digest(common, trial) for number, trial in enumerate(own)}
         make_items(stage, fingerprints, begin, workers)
 
 

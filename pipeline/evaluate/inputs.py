@@ -3,48 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
 from pipeline.records.digests import digest, prepared_digest
-from pipeline.records.parameters import chosen_pairs
+from pipeline.records.parameters import chosen_sequences
 from pipeline.records.parameters.names import require_name
-from pipeline.records.sources import SOURCES
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    import pandas as pd
-
-    from pipeline.evaluate.grasps import TwoObjectGrasp
+    from pipeline.evaluate.grasps import SequenceGrasp
     from pipeline.evaluate.trial import TrialInput
-    from pipeline.records.objects import PreparedObject
+    from pipeline.hand.model import Hand
 
 
 def sections(source: str) -> list[str]:
     """Return the sections of ``params.yaml`` that ``evaluate@<source>`` depends on."""
-    pairs = ["reconstructed"] if source == paths.RECONSTRUCTED else ["styles", "pairs"]
-    return ["seed", *pairs, "physics", "evaluate"]
+    objects = ["reconstructed"] if source == paths.RECONSTRUCTED else ["styles", "pairs"]
+    return ["seed", *objects, "picks", "physics", "evaluate"]
 
 
-def pairs_of(source: str, parameters: dict[str, Any], first: str = "") -> dict[str, tuple[str, ...]]:
-    """Return the pairs of a source: for each first object, or only for ``first``, the objects that are picked after it.
+def sequences_of(source: str, parameters: dict[str, Any], first: str = "") -> list[tuple[str, ...]]:
+    """Return the objects of every sequence of a source, or of those that begin with ``first``, in order of picking.
 
     Raises:
         UserError: params.yaml does not name ``first`` for this source.
     """
     if source != paths.RECONSTRUCTED:
-        return chosen_pairs(parameters, first)
+        return chosen_sequences(parameters, first)
     chosen = parameters["reconstructed"]
-    known = {name: tuple(item.side) for name, item in chosen.items()}
     if first:
-        require_name(first, known, "reconstructed")
-    return {first: known[first]} if first else known
+        require_name(first, chosen, "reconstructed")
+    return [(name, second) for name, item in chosen.items() if first in ("", name) for second in item.side]
 
 
-def grasps_of_pair(source: str, first: str, second: str, parameters: dict[str, Any]) -> list[TwoObjectGrasp]:
-    """Return the accepted grasps of a pair, in the frames of the true objects, the preferred first.
+def grasps_of(source: str, objects: Sequence[str], parameters: dict[str, Any], hand: Hand) -> list[SequenceGrasp]:
+    """Return the accepted grasps of some objects, in the frames of the true objects, the preferred first.
 
     Args:
         parameters: the ``sections(source)``.
@@ -54,87 +47,58 @@ def grasps_of_pair(source: str, first: str, second: str, parameters: dict[str, A
     """
     from pipeline.evaluate.grasps import accepted_grasps
     from pipeline.evaluate.reconstructed import in_true_frames, true_from_reconstructed
-    from pipeline.records.tables import pair_rows
+    from pipeline.pairing.task import groups_of
+    from pipeline.records.kept import kept_object, kept_table
+    from pipeline.records.tables import MERGED, rows_of
 
-    table = _grasps(source, first)
-    grasps = accepted_grasps(pair_rows(table, second))
+    synthesized = source == "synthesized"
+    table = paths.merged_file(objects[0]) if synthesized else paths.sampled_file(source, objects[0])
+    rows = rows_of(kept_table(table, MERGED, "merge" if synthesized else f"sample@{source}"), objects)
+    grasps = accepted_grasps(rows, hand, groups_of(parameters["picks"]))
     if source != paths.RECONSTRUCTED:
         return grasps
-    capture = parameters["reconstructed"][first].capture
-    T0, T1 = (true_from_reconstructed(capture, _object(name)) for name in (first, second))
-    return [in_true_frames(grasp, T0, T1) for grasp in grasps]
+    capture = parameters["reconstructed"][objects[0]].capture
+    T_true = [true_from_reconstructed(capture, kept_object(name, grid=False)) for name in objects]
+    return [in_true_frames(grasp, T_true) for grasp in grasps]
 
 
-def _grasps(source: str, first: str) -> pd.DataFrame:
-    """Return the grasps of a source that begin with an object."""
-    table = SOURCES[source].table(first)
-    return _read_grasps(table.absolute(), table, SOURCES[source].stage)
-
-
-@lru_cache(maxsize=2)  # pairs of one first object come one after the other
-def _read_grasps(place: Path, source: Path, made_by: str) -> pd.DataFrame:
-    from pipeline.records.tables import MERGED, read_table
-
-    return read_table(source, MERGED, made_by)
-
-
-def _object(name: str) -> PreparedObject:
-    return _read_object(paths.prepared_folder(name).absolute(), name)
-
-
-@lru_cache(maxsize=16)
-def _read_object(place: Path, name: str) -> PreparedObject:
-    from pipeline.evaluate.scene import without_grid
-    from pipeline.records.objects import load_prepared_object
-
-    return without_grid(load_prepared_object(name))
-
-
-def objects_of_pair(first: str, second: str) -> tuple[PreparedObject, PreparedObject]:
-    """Return the objects of a pair as trials use them.
+def inputs_of(source: str, objects: Sequence[str], parameters: dict[str, Any], hand: Hand) -> list[TrialInput]:
+    """Return the inputs of all trials with some objects.
 
     Raises:
-        UserError: one is missing or damaged.
-    """
-    return _object(first), _object(second)
-
-
-def inputs_of_pair(source: str, first: str, second: str, parameters: dict[str, Any]) -> list[TrialInput]:
-    """Return the inputs of all trials of a pair.
-
-    Raises:
-        UserError: its table of grasps or an object is missing or damaged.
+        UserError: the table of grasps or an object is missing or damaged.
     """
     from pipeline.evaluate.trial import trial_inputs
+    from pipeline.records.kept import kept_object
 
     return trial_inputs(
         source,
-        objects_of_pair(first, second),
-        grasps_of_pair(source, first, second, parameters),
+        hand,
+        parameters["picks"],
+        [kept_object(name, grid=False) for name in objects],
+        grasps_of(source, objects, parameters, hand),
         parameters["evaluate"],
         parameters["physics"],
         parameters["seed"],
     )
 
 
-def inputs_of_pairs(source: str, first: str, seconds: Sequence[str], parameters: dict[str, Any]) -> list[TrialInput]:
-    """Return the inputs of all trials of ``first`` with each of ``seconds``; see :func:`inputs_of_pair`."""
-    return [trial for second in seconds for trial in inputs_of_pair(source, first, second, parameters)]
-
-
-def trial_digests(source: str, first: str, second: str, parameters: dict[str, Any]) -> list[str]:
-    """Return the digest of all that each trial of a pair depends on besides the code, in their order.
+def trial_digests(source: str, objects: Sequence[str], parameters: dict[str, Any], hand: Hand) -> list[str]:
+    """Return the digest of all that each trial with some objects depends on besides the code, in their order.
 
     Raises:
-        UserError: see :func:`inputs_of_pair`.
+        UserError: see :func:`inputs_of`.
     """
-    from pipeline.evaluate.trial import trial_inputs
+    from pipeline.evaluate.trial import draws
 
-    digests = prepared_digest(first), prepared_digest(second)
-    grasps = grasps_of_pair(source, first, second, parameters)
-    settings, physics = parameters["evaluate"], parameters["physics"]
+    digests = [prepared_digest(name) for name in objects]
+    grasps = grasps_of(source, objects, parameters, hand)
+    settings = parameters["evaluate"]
     # Settings that decide which trials there are do not change those that there are anyway.
-    common = digest(source, digests, settings.model_copy(update={"trials": 0}), physics)
-    known = {grasp.merged_id: digest(grasp) for grasp in grasps}
-    trials = trial_inputs(source, objects_of_pair(first, second), grasps, settings, physics, parameters["seed"])
-    return [digest(common, trial.seed, [known[grasp.merged_id] for grasp in trial.grasps]) for trial in trials]
+    same = settings.model_copy(update={"trials": 0}), parameters["physics"], parameters["picks"]
+    common = digest(source, digests, same)
+    known = [digest(grasp) for grasp in grasps]
+    return [
+        digest(common, drawn.seed, [known[index] for index in drawn.order])
+        for drawn in draws(source, objects, len(grasps), settings, parameters["seed"])
+    ]

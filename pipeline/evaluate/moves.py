@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.evaluate.scene import support_obstacles
+from pipeline.hand.model import Hand
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.poses import inverse_pose
 
@@ -41,9 +42,10 @@ class PickTask:
     """What a pick has to do; poses in the world frame, which is the robot's base.
 
     Attributes:
+        hand: the hand on the arm.
         arm_q: (7,) where the arm is.
-        hand_q: (16,) posture during approach and entry.
-        closed_q: (16,) posture of the lift.
+        hand_q: (J,) posture during approach and entry.
+        closed_q: (J,) posture of the lift.
         target: the object to grasp, where it stands.
         T_hand_target: (4, 4) its pose in the hand when grasped.
         held: what the hand holds already, with ``T_hand_object``.
@@ -53,6 +55,7 @@ class PickTask:
         lift_height: m.
     """
 
+    hand: Hand
     arm_q: NDArray[np.float64]
     hand_q: NDArray[np.float64]
     closed_q: NDArray[np.float64]
@@ -74,7 +77,7 @@ class _Worlds:
 
         low, high = support_obstacles(settings, SPONGE_DROP), support_obstacles(settings, 0.0)
         others, held, name = [*task.others], [*task.held], task.target.name
-        self.arm: ArmModel = ArmModel(task.hand_q)
+        self.arm: ArmModel = ArmModel(task.hand_q, task.hand)
         # Clearance first; then touching; then a sponge so low that resting fingers are not in it.
         self.approach: list[CollisionWorld] = [
             CollisionWorld(self.arm, [*supports, *others, task.target], held, margin=margin)
@@ -82,7 +85,7 @@ class _Worlds:
         ]
         self.entry = CollisionWorld(self.arm, [*low, *others, task.target], held, allowed=[name])
         grasped = task.target.at(task.T_hand_target)
-        self.lift = CollisionWorld(ArmModel(task.closed_q), [*low, *others], [*held, grasped])
+        self.lift = CollisionWorld(ArmModel(task.closed_q, task.hand), [*low, *others], [*held, grasped])
 
 
 def plan_pick(task: PickTask, settings: EvaluateParameters, rng: np.random.Generator) -> Pick | None:

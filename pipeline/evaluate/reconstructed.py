@@ -7,12 +7,13 @@ capture, in which both have a place: the photos' errors stay errors, and nothing
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.evaluate.grasps import TwoObjectGrasp
+from pipeline.evaluate.grasps import SequenceGrasp
 from pipeline.records import paths
 from pipeline.records.captures import read_truth
 from pipeline.records.errors import UserError
@@ -57,18 +58,18 @@ def true_from_reconstructed(capture: str, prepared: PreparedObject) -> NDArray[n
     return inverse_pose(T_scene_true) @ reconstructed.T_scene_object
 
 
-def in_true_frames(
-    grasp: TwoObjectGrasp, T_true_object0: NDArray[np.float64], T_true_object1: NDArray[np.float64]
-) -> TwoObjectGrasp:
+def in_true_frames(grasp: SequenceGrasp, T_true_object: Sequence[NDArray[np.float64]]) -> SequenceGrasp:
     """Return a grasp, given in the frames of reconstructed objects, in those of the true ones.
 
     Args:
-        T_true_object0, T_true_object1: (4, 4) from :func:`true_from_reconstructed`.
+        T_true_object: (4, 4) from :func:`true_from_reconstructed`, of each object.
     """
-    return replace(
-        grasp,
-        T_hand_object0=grasp.T_hand_object0 @ inverse_pose(T_true_object0),
-        T_hand_object1=grasp.T_hand_object1 @ inverse_pose(T_true_object1),
-        approach_direction0=T_true_object0[:3, :3] @ grasp.approach_direction0,
-        approach_direction1=T_true_object1[:3, :3] @ grasp.approach_direction1,
+    picks = tuple(
+        replace(
+            pick,
+            T_hand_object=pick.T_hand_object @ inverse_pose(T),
+            approach_direction=T[:3, :3] @ pick.approach_direction,
+        )
+        for pick, T in zip(grasp.picks, T_true_object, strict=True)
     )
+    return replace(grasp, picks=picks)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.model import load_hand
+from pipeline.hand.model import Hand
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.parameters.picks import PickParameters
 from pipeline.shapes.workplace import SPONGE_SIZE, SPONGE_X, TABLE_SIZE, TABLE_X
 
 if TYPE_CHECKING:
@@ -30,6 +32,7 @@ class Scene:
     """A built scene with its objects where they were put."""
 
     world: World
+    hand: Hand
     robot: Robot
     objects: tuple[Body, ...]  # in the order of picking
 
@@ -55,28 +58,42 @@ class Post:
         return T
 
 
-def without_grid(prepared: PreparedObject) -> PreparedObject:
-    """Return the object without its signed-distance grid, which trials do not need and workers would have to copy."""
-    return replace(prepared, distance=np.zeros((0, 0, 0), np.float32))
-
-
-def placement_offsets(settings: EvaluateParameters, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return (2, 3): x, y (m) and yaw (rad) by which the two objects stand beside their nominal places."""
+def placement_offsets(count: int, settings: EvaluateParameters, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Return (count, 3): x, y (m) and yaw (rad) by which the objects stand beside their nominal places."""
     limits = np.array([settings.perturbation, settings.perturbation, settings.yaw_perturbation])
-    return rng.uniform(-1.0, 1.0, (2, 3)) * limits
+    return rng.uniform(-1.0, 1.0, (count, 3)) * limits
+
+
+def place_of(number: int, pick: PickParameters, settings: EvaluateParameters) -> tuple[float, float]:
+    """Return where an object stands nominally, x and y, m: of those without a place the first is on the right."""
+    return pick.place or (SPONGE_X, (-1, 1)[number] * settings.object_distance / 2)
 
 
 def placed(
-    objects: Sequence[PreparedObject], settings: EvaluateParameters, offsets: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return ``T_world_object`` (4, 4) of both objects standing on the sponge; object 0 on the robot's right."""
+    picks: Sequence[PickParameters],
+    objects: Sequence[PreparedObject],
+    settings: EvaluateParameters,
+    offsets: NDArray[np.float64],
+) -> list[NDArray[np.float64]]:
+    """Return ``T_world_object`` (4, 4) of every object on sponge or post, ``offsets`` (n, 3) beside its place."""
     poses = []
-    for side, prepared, (x, y, yaw) in zip((-1, 1), objects, offsets, strict=True):
+    for number, (pick, prepared, (dx, dy, yaw)) in enumerate(zip(picks, objects, offsets, strict=True)):
+        x, y = place_of(number, pick, settings)
+        top = settings.sponge_height + (0.0 if pick.post is None else pick.post.height)
         T = np.eye(4)
         T[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
-        T[:3, 3] = (SPONGE_X + x, side * settings.object_distance / 2 + y, settings.sponge_height - prepared.bottom)
+        T[:3, 3] = (x + dx, y + dy, top - prepared.bottom)
         poses.append(T)
-    return poses[0], poses[1]
+    return poses
+
+
+def posts_of(picks: Sequence[PickParameters], settings: EvaluateParameters) -> list[Post]:
+    """Return the posts of all objects that stand on one."""
+    return [
+        Post(*place_of(number, pick, settings), pick.post.width, pick.post.height)
+        for number, pick in enumerate(picks)
+        if pick.post is not None
+    ]
 
 
 def _centred(x: float, z: float) -> NDArray[np.float64]:
@@ -86,6 +103,7 @@ def _centred(x: float, z: float) -> NDArray[np.float64]:
 
 
 def build_scene(
+    hand: Hand,
     objects: Sequence[PreparedObject],
     settings: EvaluateParameters,
     physics: PhysicsParameters,
@@ -103,7 +121,7 @@ def build_scene(
     from pipeline.physics.world import make_world
 
     world = make_world(physics)
-    robot = world.add_arm(load_hand(), np.concatenate([START_ARM, START_HAND]))
+    robot = world.add_arm(hand, np.concatenate([START_ARM, START_HAND]))
     sponge = np.array([SPONGE_SIZE, SPONGE_SIZE, settings.sponge_height])
     world.add_box(np.array(TABLE_SIZE) / 2, _centred(TABLE_X, -TABLE_SIZE[2] / 2), "table")
     world.add_box(sponge / 2, _centred(SPONGE_X, sponge[2] / 2), "sponge")
@@ -113,7 +131,7 @@ def build_scene(
         world.add_object(prepared, T, f"object{index}")
         for index, (prepared, T) in enumerate([*zip(objects, poses, strict=True), *others])
     ]
-    return Scene(world=world, robot=robot, objects=tuple(bodies[: len(objects)]))
+    return Scene(world=world, hand=hand, robot=robot, objects=tuple(bodies[: len(objects)]))
 
 
 def support_obstacles(settings: EvaluateParameters, sponge_drop: float) -> list[Obstacle]:
@@ -137,6 +155,13 @@ def post_obstacle(post: Post, settings: EvaluateParameters, drop: float) -> Obst
 
 def object_obstacle(prepared: PreparedObject, name: str) -> Obstacle:
     """Return an object for the planner, with the same convex parts as in physics, at the world's origin."""
-    from pipeline.motion.collisions import Obstacle, convex_shape
+    from pipeline.motion.collisions import Obstacle
 
-    return Obstacle(name, tuple(convex_shape(vertices) for vertices, _ in prepared.parts))
+    return Obstacle(name, _convex_shapes(prepared))
+
+
+@lru_cache(maxsize=16)
+def _convex_shapes(prepared: PreparedObject) -> tuple[Any, ...]:
+    from pipeline.motion.collisions import convex_shape
+
+    return tuple(convex_shape(vertices) for vertices, _ in prepared.parts)

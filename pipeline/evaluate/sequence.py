@@ -14,15 +14,13 @@ from numpy.typing import NDArray
 
 from pipeline.evaluate.grasps import SequenceGrasp
 from pipeline.evaluate.moves import Pick, PickTask, plan_pick
-from pipeline.hand.moves import finger_joints
+from pipeline.hand.model import Hand
+from pipeline.records.ordinals import ORDINALS
 from pipeline.records.parameters.evaluate import EvaluateParameters
 
 if TYPE_CHECKING:
     from pipeline.motion.collisions import Obstacle
     from pipeline.motion.timing import Trajectory
-
-ORDINALS = ("first", "second", "third", "fourth")  # objects in the names of phases
-HAND_FINGERS = ("index", "middle", "ring", "thumb")
 
 
 @dataclass(frozen=True)
@@ -30,7 +28,7 @@ class Posture:
     """Joint targets of the whole robot."""
 
     arm: NDArray[np.float64]  # (7,) rad
-    hand: NDArray[np.float64]  # (16,) rad
+    hand: NDArray[np.float64]  # (J,) rad
 
 
 @dataclass(frozen=True)
@@ -40,7 +38,7 @@ class Phase:
     name: str
     arm: NDArray[np.float64]  # (n, 7) rad
     arm_velocity: NDArray[np.float64]  # (n, 7) rad/s
-    hand: NDArray[np.float64]  # (n, 16) rad
+    hand: NDArray[np.float64]  # (n, J) rad
 
     @property
     def last(self) -> Posture:
@@ -53,14 +51,14 @@ class _Script:
 
     def __init__(self, start: Posture, settings: EvaluateParameters) -> None:
         self.settings = settings
-        self.rows = [(start.arm, np.zeros(7), start.hand)]
+        self.rows = [(start.arm, np.zeros_like(start.arm), start.hand)]
         self.phases: list[Phase] = []
         self.written = 1
 
     def rest_for(self, seconds: float) -> None:
         """Keep all targets."""
         arm, _, hand = self.rows[-1]
-        self.rows += [(arm, np.zeros(7), hand)] * round(seconds * self.settings.control_frequency)
+        self.rows += [(arm, np.zeros_like(arm), hand)] * round(seconds * self.settings.control_frequency)
 
     def follow(self, motion: Trajectory) -> None:
         """Move the arm; the hand keeps its targets."""
@@ -68,13 +66,14 @@ class _Script:
         self.rows += [(q, v, hand) for q, v in zip(motion.positions[1:], motion.velocities[1:], strict=True)]
 
     def move_hand(self, target: NDArray[np.float64], seconds: float) -> None:
-        """Move the hand's targets evenly to ``target`` (16,); the arm keeps its targets."""
+        """Move the hand's targets evenly to ``target`` (J,); the arm keeps its targets."""
         arm, _, begin = self.rows[-1]
         count = max(round(seconds * self.settings.control_frequency), 1)
-        self.rows += [(arm, np.zeros(7), begin + (target - begin) * (index / count)) for index in range(1, count + 1)]
+        still = np.zeros_like(arm)
+        self.rows += [(arm, still, begin + (target - begin) * (index / count)) for index in range(1, count + 1)]
 
     def close_hand(self, grasp_q: NDArray[np.float64], squeeze_q: NDArray[np.float64]) -> None:
-        """Bring all fingers to the grasp at the same time, then squeeze, as validation does; (16,) both."""
+        """Bring all fingers to the grasp at the same time, then squeeze, as validation does; (J,) both."""
         self.move_hand(grasp_q, self.settings.close_seconds / 2)
         self.move_hand(squeeze_q, self.settings.close_seconds / 2)
         self.rest_for(self.settings.dwell_seconds)
@@ -83,24 +82,24 @@ class _Script:
         """Name what was written since the last phase ended."""
         own = self.rows[self.written :]
         arm, velocity, hand = (
-            np.array([row[part] for row in own]).reshape(-1, width) for part, width in ((0, 7), (1, 7), (2, 16))
+            np.array([row[part] for row in own]).reshape(-1, len(self.rows[0][part])) for part in range(3)
         )
         self.phases.append(Phase(name, arm, velocity, hand))
         self.written = len(self.rows)
 
 
-def with_fingers(
-    hand_q: NDArray[np.float64], fingers: Sequence[str], other_q: NDArray[np.float64]
+def with_joints(
+    hand_q: NDArray[np.float64], joints: NDArray[np.int64], other_q: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return ``hand_q`` (16,) with some fingers as in ``other_q`` (16,)."""
-    joined, own = hand_q.copy(), finger_joints(fingers)
-    joined[own] = other_q[own]
+    """Return ``hand_q`` (J,) with some joints (k,) as in ``other_q`` (J,)."""
+    joined = hand_q.copy()
+    joined[joints] = other_q[joints]
     return joined
 
 
-def _fingers_from(grasp: SequenceGrasp, pick: int) -> tuple[str, ...]:
-    """Fingers of the objects from number ``pick`` on: those that hold nothing before it is picked."""
-    return tuple(finger for own in grasp.picks[pick:] for finger in own.fingers)
+def _joints_from(grasp: SequenceGrasp, pick: int) -> NDArray[np.int64]:
+    """Joints of the fingers of the objects from number ``pick`` on: those that hold nothing before it is picked."""
+    return np.concatenate([np.zeros(0, np.int64), *(own.joints for own in grasp.picks[pick:])])
 
 
 def rest_phase(name: str, start: Posture, seconds: float, settings: EvaluateParameters) -> Phase:
@@ -119,7 +118,7 @@ def pick_phases(
     Fingers open before the first pick and after every pick but the last, which is followed by the hold.
     """
     script, own = _Script(start, settings), grasp.picks[number]
-    ordinal, waiting = ORDINALS[number], _fingers_from(grasp, number + 1)
+    ordinal, waiting = ORDINALS[number], _joints_from(grasp, number + 1)
     if number == 0:
         script.move_hand(own.open_q, settings.open_seconds)
         script.end_phase(f"open {ordinal}")
@@ -128,16 +127,16 @@ def pick_phases(
     script.follow(pick.entry)
     script.rest_for(settings.dwell_seconds)
     script.end_phase(f"enter {ordinal}")
-    squeezing = with_fingers(grasp.squeeze_q, waiting, own.open_q)
-    free = _fingers_from(grasp, number) if number else HAND_FINGERS
-    script.close_hand(with_fingers(with_fingers(squeezing, free, grasp.q), waiting, own.open_q), squeezing)
+    squeezing = with_joints(grasp.squeeze_q, waiting, own.open_q)
+    closed = with_joints(squeezing, _joints_from(grasp, number), grasp.q) if number else grasp.q
+    script.close_hand(with_joints(closed, waiting, own.open_q), squeezing)
     script.end_phase(f"close {ordinal}")
     script.follow(pick.lift)
     script.rest_for(settings.dwell_seconds)
     script.end_phase(f"lift {ordinal}")
-    if waiting:
+    if number + 1 < len(grasp.picks):
         following = grasp.picks[number + 1]
-        script.move_hand(with_fingers(grasp.squeeze_q, waiting, following.open_q), settings.open_seconds)
+        script.move_hand(with_joints(grasp.squeeze_q, waiting, following.open_q), settings.open_seconds)
         script.end_phase(f"open {ORDINALS[number + 1]}")
     else:
         script.rest_for(settings.hold_seconds)
@@ -161,6 +160,7 @@ class Surroundings:
 def pick_task(
     number: int,
     grasp: SequenceGrasp,
+    hand: Hand,
     around: Surroundings,
     start: Posture,
     T_hand_held: Sequence[NDArray[np.float64]],
@@ -174,20 +174,21 @@ def pick_task(
         T_hand_held: ``T_hand_object`` (4, 4) of the objects in the hand.
     """
     own, target = grasp.picks[number], around.objects[number]
-    waiting = _fingers_from(grasp, number + 1)
+    waiting = _joints_from(grasp, number + 1)
     lengths: tuple[float, ...] = (settings.entry_length,)
     hand_q, closed_q = own.open_q, grasp.q
     if number:
-        free = _fingers_from(grasp, number)
-        hand_q, closed_q = with_fingers(start.hand, free, own.open_q), with_fingers(start.hand, free, grasp.q)
+        free = _joints_from(grasp, number)
+        hand_q, closed_q = with_joints(start.hand, free, own.open_q), with_joints(start.hand, free, grasp.q)
     if own.approach_length is not None:
         full = own.approach_length
         lengths = (full, *(length for length in settings.shorter_entries if length < full))
     last = number == len(grasp.picks) - 1
     return PickTask(
+        hand=hand,
         arm_q=start.arm,
         hand_q=hand_q,
-        closed_q=with_fingers(closed_q, waiting, own.open_q),
+        closed_q=with_joints(closed_q, waiting, own.open_q),
         target=target,
         T_hand_target=own.T_hand_object,
         held=tuple(item.at(T) for item, T in zip(around.objects[:number], T_hand_held, strict=True)),
@@ -200,6 +201,7 @@ def pick_task(
 
 def plan_all(
     grasp: SequenceGrasp,
+    hand: Hand,
     around: Surroundings,
     start: Posture,
     settings: EvaluateParameters,
@@ -212,7 +214,7 @@ def plan_all(
     picks: list[Pick] = []
     for number in range(len(grasp.picks)):
         held = [own.T_hand_object for own in grasp.picks[:number]]
-        pick = plan_pick(pick_task(number, grasp, around, start, held, settings), settings, rng)
+        pick = plan_pick(pick_task(number, grasp, hand, around, start, held, settings), settings, rng)
         if pick is None:
             break
         picks.append(pick)

@@ -1,4 +1,4 @@
-"""One trial: pick the first object with the pinching fingers, keep it, pick the second with ring finger and palm.
+"""One trial: pick the first object, keep it, pick the next with other fingers, until all are in the hand.
 
 The result depends on the inputs alone: every trial has its own physics scene and its own random generator.
 """
@@ -10,16 +10,21 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.compute.shared import Shared
 from pipeline.evaluate.execution import Ended, Run
-from pipeline.evaluate.grasps import SequenceGrasp, TwoObjectGrasp, grasp_orders
-from pipeline.evaluate.moves import Pick, plan_pick
-from pipeline.evaluate.scene import build_scene, object_obstacle, placed, placement_offsets
-from pipeline.evaluate.sequence import ORDINALS, Posture, Surroundings, pick_phases, pick_task, plan_all, rest_phase
+from pipeline.evaluate.grasps import SequenceGrasp, grasp_orders
+from pipeline.evaluate.moves import SPONGE_DROP, Pick, plan_pick
+from pipeline.evaluate.scene import build_scene, object_obstacle, placed, placement_offsets, post_obstacle, posts_of
+from pipeline.evaluate.sequence import Posture, Surroundings, pick_phases, pick_task, plan_all, rest_phase
+from pipeline.hand.model import Hand
 from pipeline.records.objects import PreparedObject
+from pipeline.records.ordinals import ORDINALS
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.parameters.picks import PickParameters
+from pipeline.records.trial_reasons import TrialReason
 from pipeline.stages.seeds import item_generator, item_seed
 
 if TYPE_CHECKING:
@@ -32,8 +37,10 @@ class TrialInput:
 
     trial: int
     source: str
-    objects: tuple[PreparedObject, ...]  # two; none where they are sent apart, see run_trial_with
-    grasps: tuple[TwoObjectGrasp, ...]  # in the order in which they are tried
+    hand: Hand
+    picks: tuple[PickParameters, ...]
+    objects: tuple[PreparedObject, ...]  # none where they are sent apart, see run_trial_with
+    grasps: tuple[SequenceGrasp, ...]  # in the order in which they are tried
     settings: EvaluateParameters
     physics: PhysicsParameters
     seed: int
@@ -41,21 +48,23 @@ class TrialInput:
 
 def _choose(
     grasps: Sequence[SequenceGrasp], run: Run, around: Surroundings, rng: np.random.Generator
-) -> tuple[SequenceGrasp | None, Pick | None, int, str]:
+) -> tuple[SequenceGrasp | None, Pick | None, int, TrialReason | None]:
     """Return the first grasp for which all picks can be planned, its first pick, the attempts made, and a reason.
 
-    The reason is ``no grasp`` when there is none, else the latest pick that could not be planned for any of them.
+    The reason, without such a grasp, is ``no grasp`` when there is none at all, else the latest pick that could not be
+    planned for any of them.
 
     Planning alone decides, before anything has moved; no grasp is tried in physics here. Later picks are planned as if
     those before went perfectly, and again later from what is measured.
     """
     furthest = 0
     for attempt, grasp in enumerate(grasps, start=1):
-        picks = plan_all(grasp, around, run.posture, run.settings, rng)
+        picks = plan_all(grasp, run.scene.hand, around, run.posture, run.settings, rng)
         if len(picks) == len(grasp.picks):
-            return grasp, picks[0], attempt, ""
+            return grasp, picks[0], attempt, None
         furthest = max(furthest, len(picks))
-    return None, None, len(grasps), f"plan {ORDINALS[furthest]}" if grasps else "no grasp"
+    reason = TrialReason[f"plan_{ORDINALS[furthest]}".upper()] if grasps else TrialReason.NO_GRASP
+    return None, None, len(grasps), reason
 
 
 def _try(run: Run, grasp: SequenceGrasp, pick: Pick | None, around: Surroundings, rng: np.random.Generator) -> None:
@@ -63,11 +72,12 @@ def _try(run: Run, grasp: SequenceGrasp, pick: Pick | None, around: Surroundings
     settings = run.settings
     for number in range(len(grasp.picks)):
         if number:
-            measured = Posture(run.posture.arm, run.scene.robot.q[7:])
+            measured = Posture(run.posture.arm, run.scene.robot.q[len(run.posture.arm) :])
             now = around.moved(number, run.pose(number))
-            pick = plan_pick(pick_task(number, grasp, now, measured, run.held_poses, settings), settings, rng)
+            task = pick_task(number, grasp, run.scene.hand, now, measured, run.held_poses, settings)
+            pick = plan_pick(task, settings, rng)
         if pick is None:
-            raise Ended(f"plan {ORDINALS[number]}")
+            raise Ended(TrialReason[f"plan_{ORDINALS[number]}".upper()])
         run.execute(pick_phases(number, run.posture, grasp, pick, settings))
 
 
@@ -77,7 +87,7 @@ def carry_out(
     grasps: Sequence[SequenceGrasp],
     rng: np.random.Generator,
     others: Sequence[Obstacle] = (),
-) -> tuple[SequenceGrasp | None, int, str]:
+) -> tuple[SequenceGrasp | None, int, TrialReason | None]:
     """Let the objects settle, choose a grasp and carry it out.
 
     Args:
@@ -86,7 +96,7 @@ def carry_out(
         others: obstacles besides table, sponge and objects.
 
     Returns:
-        The grasp (None when none could be planned), planning attempts, and why it ended early, '' on success.
+        The grasp (None when none could be planned), planning attempts, and why it ended early, None on success.
     """
     grasp, attempts = None, 0
     try:
@@ -97,36 +107,34 @@ def carry_out(
         if grasp is not None:
             _try(run, grasp, pick, around, rng)
     except Ended as end:
-        reason = str(end)
+        reason = end.reason
     return grasp, attempts, reason
 
 
 def run_trial(inputs: TrialInput, watch: Callable[[Run], None] | None = None) -> dict[str, Any]:
     """Run one trial and return its row of ``records.tables.TRIALS``.
 
-    Phases: settle; open, approach, enter, close, lift the first object; the same for the second; hold. A reason ends
-    the trial: ``no grasp`` (the pair has no merged grasp), ``plan first``, ``plan second``, ``collision on approach``,
-    ``first slip``, ``first lost in transit``, ``second slip``, ``dropped in hold``, ``simulation diverged``.
+    Phases: settle; open, approach, enter, close, lift the first object; the same for every further one; hold. A member
+    of ``TrialReason`` ends the trial.
 
     Args:
         watch: is shown the run after every control period.
     """
     rng = np.random.Generator(np.random.PCG64(inputs.seed))
-    offsets = placement_offsets(inputs.settings, rng)
-    scene = build_scene(
-        inputs.objects, inputs.settings, inputs.physics, placed(inputs.objects, inputs.settings, offsets)
-    )
-    run = Run(scene, inputs.settings, rest=[body.pose for body in scene.objects], watch=watch)
-    grasp, attempts, reason = carry_out(run, inputs.objects, inputs.grasps, rng)
+    settings, picks = inputs.settings, inputs.picks
+    offsets = placement_offsets(len(picks), settings, rng)
+    poses, posts = placed(picks, inputs.objects, settings, offsets), posts_of(picks, settings)
+    scene = build_scene(inputs.hand, inputs.objects, settings, inputs.physics, poses, posts=posts)
+    run = Run(scene, settings, rest=[body.pose for body in scene.objects], watch=watch)
+    obstacles = [post_obstacle(post, settings, SPONGE_DROP) for post in posts]
+    grasp, attempts, reason = carry_out(run, inputs.objects, inputs.grasps, rng, obstacles)
     return {
         "trial": inputs.trial,
         "source": inputs.source,
-        "object0": inputs.objects[0].name,
-        "object1": inputs.objects[1].name,
+        "objects": [prepared.name for prepared in inputs.objects],
         "merged_id": -1 if grasp is None else grasp.merged_id,
         "seed": inputs.seed,
-        "offset0": offsets[0],
-        "offset1": offsets[1],
+        "offsets": list(offsets),
         "planning_attempts": attempts,
         **run.outcome(reason),
     }
@@ -137,30 +145,53 @@ def run_trial_with(shared: Shared[tuple[PreparedObject, ...]], inputs: TrialInpu
     return run_trial(replace(inputs, objects=shared.value))
 
 
+@dataclass(frozen=True)
+class Draw:
+    """What the random draws of a trial decide."""
+
+    seed: int  # of the trial
+    order: NDArray[np.int64]  # indices of the grasps, in the order in which they are tried
+
+
+def draws(source: str, names: Sequence[str], count: int, settings: EvaluateParameters, run_seed: int) -> list[Draw]:
+    """Return the draws of all trials with some objects; each trial's seed depends on them and its number alone.
+
+    Args:
+        names: of the objects, in the order of picking.
+        count: how many grasps there are.
+    """
+    identity = ("evaluate", source, *names)
+    orders = grasp_orders(count, settings.trials, settings.planning_attempts, item_generator(run_seed, *identity))
+    return [Draw(item_seed(run_seed, *identity, trial), order) for trial, order in enumerate(orders)]
+
+
 def trial_inputs(
     source: str,
-    objects: tuple[PreparedObject, PreparedObject],
-    grasps: Sequence[TwoObjectGrasp],
+    hand: Hand,
+    picks: Sequence[PickParameters],
+    objects: Sequence[PreparedObject],
+    grasps: Sequence[SequenceGrasp],
     settings: EvaluateParameters,
     physics: PhysicsParameters,
     run_seed: int,
 ) -> list[TrialInput]:
-    """Return the inputs of all trials of one pair; each trial's seed depends on the pair and its number alone.
+    """Return the inputs of all trials with some objects.
 
     Args:
         grasps: the preferred first; when there are more than trials, the first ones are tried.
     """
-    identity = ("evaluate", source, objects[0].name, objects[1].name)
-    orders = grasp_orders(len(grasps), settings.trials, settings.planning_attempts, item_generator(run_seed, *identity))
+    names = [prepared.name for prepared in objects]
     return [
         TrialInput(
             trial=trial,
             source=source,
-            objects=objects,
-            grasps=tuple(grasps[index] for index in order),
+            hand=hand,
+            picks=tuple(picks),
+            objects=tuple(objects),
+            grasps=tuple(grasps[index] for index in drawn.order),
             settings=settings,
             physics=physics,
-            seed=item_seed(run_seed, *identity, trial),
+            seed=drawn.seed,
         )
-        for trial, order in enumerate(orders)
+        for trial, drawn in enumerate(draws(source, names, len(grasps), settings, run_seed))
     ]

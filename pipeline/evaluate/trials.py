@@ -1,4 +1,4 @@
-"""Trials as items of a stage: each is computed by itself, with the objects of its pair sent to a worker once."""
+"""Trials as items of a stage: each is computed by itself, with its objects sent to a worker once."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ def trials_of(tables: Tables, inputs_of: Callable[[str], Sequence[TrialInput]]) 
 
     Args:
         tables: for their rows.
-        inputs_of: returns the inputs of all trials of a pair; called with a key without its last part, the number.
+        inputs_of: returns the inputs of all trials with the same objects; called with a key without its last part, the
+            number.
     """
     import pandas as pd
 
@@ -34,13 +35,13 @@ def trials_of(tables: Tables, inputs_of: Callable[[str], Sequence[TrialInput]]) 
         cached = lru_cache(maxsize=2)(inputs_of)
 
         @cache
-        def shared_objects(pair: str) -> Shared[tuple[PreparedObject, ...]]:
-            return until_all_done.enter_context(Shared(cached(pair)[0].objects))
+        def shared_objects(objects: str) -> Shared[tuple[PreparedObject, ...]]:
+            return until_all_done.enter_context(Shared(cached(objects)[0].objects))
 
         def work(key: str, keep: Keep) -> Work[None]:
-            pair, _, number = key.rpartition("/")
-            trial = next(trial for trial in cached(pair) if trial.trial == int(number))
-            (row,) = yield Calls(partial(run_trial_with, shared_objects(pair)), [replace(trial, objects=())])
+            objects, _, number = key.rpartition("/")
+            trial = next(trial for trial in cached(objects) if trial.trial == int(number))
+            (row,) = yield Calls(partial(run_trial_with, shared_objects(objects)), [replace(trial, objects=())])
             keep(key, tables.rows(pd.DataFrame([row])))
 
         yield lambda keys, keep: [(key, partial(work, key, keep)) for key in keys]

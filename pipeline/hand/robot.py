@@ -10,12 +10,10 @@ import xml.etree.ElementTree as ElementTree
 from functools import lru_cache
 from pathlib import Path
 
-from pipeline.hand.allegro import JOINT_NAMES
 from pipeline.hand.assets import panda_description
 from pipeline.hand.model import Hand
 
 ARM_JOINT_NAMES = tuple(f"panda_joint{index}" for index in range(1, 8))
-ROBOT_JOINT_NAMES = ARM_JOINT_NAMES + JOINT_NAMES  # until plan takes the hand
 ARM_LINKS = tuple(f"panda_link{index}" for index in range(8))
 
 

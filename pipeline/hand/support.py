@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.records.parameters.picks import PickParameters
+
 
 @dataclass(frozen=True)
 class Support:
@@ -31,3 +33,10 @@ class Support:
 
 
 PLANE = Support()
+
+
+def support_of(pick: PickParameters | None) -> Support:
+    """Return what an object stands on; a post is taken as wide as it may be beside the object's middle."""
+    if pick is None or pick.post is None:
+        return PLANE
+    return Support(pick.post.width / 2 + pick.post.margin, pick.post.height)

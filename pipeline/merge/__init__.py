@@ -1,1 +1,1 @@
-"""Two-object grasps: thumb, index and middle of a pinch grasp joined with ring and palm of a side grasp."""
+"""Stage merge: single grasps of several objects joined in one hand, each with fingers of its own."""

@@ -1,4 +1,4 @@
-"""Two-object grasps of all pairs: ``data/merge/<first object>.parquet``.
+"""Grasps of two objects, or of as many as `picks` names, in one hand: ``data/merge/<first object>.parquet``.
 
 `python -m pipeline.merge` brings all pairs up to date, `--object cube` merges those that begin with one object by hand.
 """
@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
 from pipeline.records.digests import digest, file_digest, hand_digest, prepared_digest
 from pipeline.records.objects import load_prepared_object
-from pipeline.records.parameters import chosen_pairs, load_with_workers
+from pipeline.records.parameters import chosen_sequences, load_with_workers
 from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.tables import MERGED, VALIDATED, read_table
 from pipeline.stages.code import own_fingerprint
@@ -29,13 +29,13 @@ if TYPE_CHECKING:
     from pipeline.compute.pool import Work
     from pipeline.pairing.grasps import SingleGrasp
 
-# Second objects whose pairs with one first object are searched side by side: a worker holds that many.
+# Sequences with one first object that are searched side by side: a worker holds their objects.
 SIDE_BY_SIDE = 8
 
 
 def sections() -> list[str]:
     """Return the sections of ``params.yaml`` that the stage depends on."""
-    return ["seed", "styles", "pairs", "merge", "physics", "validate"]
+    return ["seed", "styles", "pairs", "picks", "merge", "physics", "validate"]
 
 
 def merge(only: str) -> None:
@@ -45,61 +45,82 @@ def merge(only: str) -> None:
         UserError: an input is missing or damaged, or ``styles.pinch`` does not name the object.
     """
     parameters, workers = load_with_workers(sections())
-    partners, seed = chosen_pairs(parameters, only), parameters["seed"]
-    pairs = [(first, second) for first, seconds in partners.items() for second in seconds]
-    digests = {f"{first}/{second}": digest(_digest("pinch", first), _digest("side", second)) for first, second in pairs}
-    from pipeline.merge.pairs import merging, summary
-    from pipeline.pairing.combination import Pair
+    sequences, seed, picks = chosen_sequences(parameters, only), parameters["seed"], parameters["picks"]
+    styles = [pick.style for pick in picks]
+    digests = {
+        "/".join(names): digest([_digest(*each) for each in zip(styles, names, strict=True)]) for names in sequences
+    }
+    from pipeline.hand.model import load_hand
+    from pipeline.merge.search import Inputs, merging, summary
     from pipeline.pairing.grasps import distinct_grasps, validated_grasps
-    from pipeline.pairing.readiness import settling_physics
+    from pipeline.pairing.task import groups_of, task_of
 
     settings, checks = parameters["merge"], [parameters[name] for name in ("merge", "physics", "validate")]
-    tables = Tables(paths.merged_file("").parent, MERGED, ("object1",))
+    hand, groups = load_hand(ALLEGRO), groups_of(picks)
+    tables = Tables(paths.merged_file("").parent, MERGED, ("objects",))
     stage = Stage("merge", "pairs", tables)
 
     @lru_cache(maxsize=2 * SIDE_BY_SIDE)
-    def grasps(style: str, name: str) -> list[SingleGrasp]:
-        table = read_table(paths.validated_file(style, name), VALIDATED, f"validate@{style}")
-        return distinct_grasps(validated_grasps(table), settings.distinct_distance)
+    def grasps(number: int, name: str) -> list[SingleGrasp]:
+        table = read_table(paths.validated_file(styles[number], name), VALIDATED, f"validate@{styles[number]}")
+        return distinct_grasps(hand, validated_grasps(table), groups, number, settings.distinct_distance)
 
-    def work(first: str, seconds: Sequence[str], keep: Keep) -> Work[None]:
-        objects = {name: load_prepared_object(name) for name in dict.fromkeys([first, *seconds])}
+    def work(keys: Sequence[str], keep: Keep) -> Work[None]:
+        objects = {name: load_prepared_object(name) for name in {name for key in keys for name in key.split("/")}}
 
-        def finish(second: str, table: pd.DataFrame) -> None:
-            keep(f"{first}/{second}", tables.rows(table))
-            print(f"{first} then {second}: {summary(table)}")
-            accepted = int((table["rejected_by"] == "").sum())
-            if accepted < settings.grasps_per_pair:
-                print(
-                    f"warning: {accepted} of {settings.grasps_per_pair} two-object grasps of {first} then {second}; "
-                    f"there were {len(grasps('pinch', first))} pinch and {len(grasps('side', second))} side grasps "
-                    "to combine.",
-                    file=sys.stderr,
-                )
+        def inputs(key: str) -> Inputs:
+            names = key.split("/")
+            return Inputs(
+                task_of(hand, picks, [objects[name] for name in names], *checks),
+                tuple(grasps(number, name) for number, name in enumerate(names)),
+                item_generator(seed, "merge", *names),
+            )
 
-        yield from merging(
-            {name: Pair(objects[first], objects[name], *checks) for name in seconds},
-            settling_physics(*checks),
-            grasps("pinch", first),
-            {name: grasps("side", name) for name in seconds},
-            {name: item_generator(seed, "merge", first, name) for name in seconds},
-            finish,
-        )
+        def finish(key: str, table: pd.DataFrame) -> None:
+            keep(key, tables.rows(table))
+            print(f"{key.replace('/', ' then ')}: {summary(table)}")
+            counts = [len(grasps(number, name)) for number, name in enumerate(key.split("/"))]
+            _warn(key, table, settings.grasps_per_pair, list(zip(styles, counts, strict=True)))
+
+        yield from merging({key: inputs(key) for key in keys}, finish)
 
     def begin(keys: Sequence[str], keep: Keep) -> list[tuple[str, Any]]:
-        works = []
-        for first, seconds in partners.items():
-            own = [second for second in seconds if f"{first}/{second}" in keys]
-            for place in range(0, len(own), SIDE_BY_SIDE):
-                works.append((first, partial(work, first, own[place : place + SIDE_BY_SIDE], keep)))
-        return works
+        wanted = set(keys)
+        chosen = [names for names in sequences if "/".join(names) in wanted]
+        return [(own[0].split("/")[0], partial(work, own, keep)) for own in _side_by_side(chosen)]
 
     if only:
         make_by_hand(stage, list(digests), begin, workers)
         return
     del parameters["styles"], parameters["pairs"]
-    common = digest(own_fingerprint("merge"), parameters, hand_digest(ALLEGRO))
+    common = digest(own_fingerprint("merge"), parameters, hand_digest(hand.name))
     make_items(stage, {key: digest(common, key, own) for key, own in digests.items()}, begin, workers)
+
+
+def _side_by_side(sequences: Sequence[tuple[str, ...]]) -> Iterator[list[str]]:
+    """Yield the keys of sequences that begin alike, at most ``SIDE_BY_SIDE`` at once."""
+    of_first: dict[str, list[str]] = {}
+    for names in sequences:
+        of_first.setdefault(names[0], []).append("/".join(names))
+    for own in of_first.values():
+        for place in range(0, len(own), SIDE_BY_SIDE):
+            yield own[place : place + SIDE_BY_SIDE]
+
+
+def _warn(key: str, table: pd.DataFrame, wanted: int, counts: Sequence[tuple[str, int]]) -> None:
+    """Say so when fewer grasps were accepted than wanted.
+
+    Args:
+        counts: style of the single grasps of each object, and how many there were.
+    """
+    accepted = int((table["rejected_by"] == "").sum())
+    if accepted < wanted:
+        known = " and ".join(f"{count} {style}" for style, count in counts)
+        print(
+            f"warning: {accepted} of {wanted} grasps of {key.replace('/', ' then ')}; there were {known} grasps to "
+            "combine.",
+            file=sys.stderr,
+        )
 
 
 def _digest(style: str, name: str) -> str:

@@ -12,13 +12,20 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import load_hand
 from pipeline.hand.approach import Approach, HandAtObject, choose_approach
+from pipeline.hand.model import Hand
 from pipeline.hand.moves import finger_joints, straight
 from pipeline.hand.parts import part_links
 from pipeline.hand.support import PLANE, Support
-from pipeline.pairing.clearance import finger_clearance, hand_object_clearance, links_of, posed_hand, support_height
-from pipeline.pairing.grasps import PAIR_GROUPS, JoinedGrasp, SingleGrasp, fingers_of
+from pipeline.pairing.clearance import (
+    PosedHand,
+    finger_clearance,
+    hand_object_clearance,
+    links_of,
+    posed_hand,
+    support_height,
+)
+from pipeline.pairing.grasps import JoinedGrasp, SingleGrasp, fingers_of
 from pipeline.records.objects import PreparedObject
 from pipeline.records.poses import inverse_pose, transform_points
 from pipeline.shapes.distance_field import signed_distance
@@ -30,10 +37,7 @@ ENOUGH = 0.005  # m; a waiting finger farther from everything than this is out o
 
 
 def first_opening(
-    first: SingleGrasp,
-    object0: PreparedObject,
-    waiting: Sequence[str] = fingers_of(PAIR_GROUPS[1:]),
-    support: Support = PLANE,
+    hand: Hand, first: SingleGrasp, object0: PreparedObject, waiting: Sequence[str], support: Support = PLANE
 ) -> tuple[NDArray[np.float64], float]:
     """Choose the hand's posture for the approach to object 0.
 
@@ -41,17 +45,17 @@ def first_opening(
     less so, else as in the validated grasp.
 
     Returns:
-        Joint angles (16,), and the waiting fingers' smallest signed distance, m, to object 0 (along the way in and
+        Joint angles (J,), and the waiting fingers' smallest signed distance, m, to object 0 (along the way in and
         after closing), to the support of object 0 and to the other fingers.
     """
-    joints = finger_joints(waiting)
+    joints = finger_joints(waiting, hand)
     best: tuple[float, NDArray[np.float64]] | None = None
     for share in EXTENSION_SHARES:
-        apart = share * straight(waiting) + (1 - share) * first.q[joints]
+        apart = share * straight(waiting, hand) + (1 - share) * first.q[joints]
         open_q, closed_q = first.open_q.copy(), first.q.copy()
         open_q[joints] = closed_q[joints] = apart
-        on_the_way = _clearance_on_first_way(first, open_q, object0, waiting, support)
-        clearance = min(on_the_way, finger_clearance(posed_hand(closed_q), waiting))
+        on_the_way = _clearance_on_first_way(first, posed_hand(hand, open_q), object0, waiting, support)
+        clearance = min(on_the_way, finger_clearance(posed_hand(hand, closed_q), waiting))
         if best is None or clearance > best[0]:
             best = clearance, open_q
         if clearance >= ENOUGH:
@@ -62,13 +66,12 @@ def first_opening(
 
 def _clearance_on_first_way(
     first: SingleGrasp,
-    open_q: NDArray[np.float64],
+    posed: PosedHand,
     object0: PreparedObject,
     waiting: Sequence[str],
     support: Support,
 ) -> float:
-    links = links_of(load_hand(), part_links(waiting))
-    posed = posed_hand(open_q)
+    links = links_of(posed.hand, part_links(waiting, posed.hand))
     points = transform_points(first.T_object_hand, posed.points_on(links))
     swept = (points[None] + FIRST_LINE[:, None, None] * first.approach_direction).reshape(-1, 3)
     return min(
@@ -102,7 +105,7 @@ def later_approach(
     single = grasp.singles[pick]
     style = "side" if "palm" in single.fingers else "pinch"
     approach = choose_approach(
-        HandAtObject(load_hand(), style, single.T_object_hand, grasp.posture(pick), single.contact_candidates),
+        HandAtObject(grasp.hand, style, single.T_object_hand, grasp.posture(pick), single.contact_candidates),
         objects[pick],
         opening,
         lengths,
@@ -111,7 +114,7 @@ def later_approach(
         support=support,
     )
     targets = grasp.squeeze_q.copy()
-    free = finger_joints(fingers_of(grasp.groups[pick:]))
+    free = finger_joints(fingers_of(grasp.groups[pick:]), grasp.hand)
     targets[free] = approach.open_q[free]
     return replace(approach, open_q=targets)
 
@@ -125,17 +128,17 @@ def motion_clearance(
 ) -> float:
     """Return the smallest signed distance, m, of the fingers of an object after the first, while they close on it.
 
-    They move from ``open_q`` (16,) to the grasp; to the objects held already, to what their own stands on and to the
+    They move from ``open_q`` (J,) to the grasp; to the objects held already, to what their own stands on and to the
     other fingers; their own object is what they close on. Waiting fingers count with them.
     """
-    moving = fingers_of(grasp.groups[pick:])
-    links, own = links_of(load_hand(), part_links(moving)), finger_joints(moving)
+    hand, moving = grasp.hand, fingers_of(grasp.groups[pick:])
+    links, own = links_of(hand, part_links(moving, hand)), finger_joints(moving, hand)
     T_object_hand = grasp.singles[pick].T_object_hand
     clearances = []
     for share in PATH_SHARES:
         q = grasp.posture(pick)
         q[own] += share * (open_q[own] - q[own])
-        posed = posed_hand(q)
+        posed = posed_hand(hand, q)
         clearances += [
             hand_object_clearance(posed, links, held, T_hand_held)
             for held, T_hand_held in zip(objects[:pick], grasp.T_hand_held[:pick], strict=True)

@@ -9,18 +9,18 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import FINGER_LINKS, Hand, load_hand
 from pipeline.hand.kinematics import link_poses, points_on_links
+from pipeline.hand.model import Hand
 from pipeline.hand.parts import part_links
 from pipeline.hand.support import PLANE, Support
 from pipeline.hand.surface import hand_surface, mount_surface
 from pipeline.pairing.grasps import JoinedGrasp, fingers_of
 from pipeline.records.objects import PreparedObject
+from pipeline.records.parameters.hand import PALM
 from pipeline.records.poses import inverse_pose, transform_points
 from pipeline.shapes.distance_field import signed_distance
 
 HAND_POINTS = 2000  # about 5 mm apart
-PALM_SIDE_BASES = ("link_0.0", "link_4.0", "link_8.0")
 FAR = 1.0  # m, the distance to nothing at all
 
 
@@ -28,6 +28,7 @@ FAR = 1.0  # m, the distance to nothing at all
 class PosedHand:
     """Links and surface points of the hand at one posture, in the hand frame."""
 
+    hand: Hand
     T_hand_link: NDArray[np.float64]  # (L, 4, 4)
     sample_links: NDArray[np.int64]  # (n,)
     samples: NDArray[np.float64]  # (n, 3) m
@@ -37,11 +38,11 @@ class PosedHand:
         return self.samples[np.isin(self.sample_links, links)]
 
 
-def posed_hand(q: NDArray[np.float64]) -> PosedHand:
-    """Return the hand at joint angles ``q`` (16,), rad."""
-    T_hand_link = link_poses(load_hand(), q[None])
-    links, samples = hand_surface(HAND_POINTS)
-    return PosedHand(T_hand_link[0], links, points_on_links(T_hand_link, links, samples)[0])
+def posed_hand(hand: Hand, q: NDArray[np.float64]) -> PosedHand:
+    """Return the hand at joint angles ``q`` (J,), rad."""
+    T_hand_link = link_poses(hand, q[None])
+    links, samples = hand_surface(HAND_POINTS, hand)
+    return PosedHand(hand, T_hand_link[0], links, points_on_links(T_hand_link, links, samples)[0])
 
 
 def links_of(hand: Hand, names: Sequence[str]) -> NDArray[np.int64]:
@@ -49,13 +50,19 @@ def links_of(hand: Hand, names: Sequence[str]) -> NDArray[np.int64]:
     return np.array([hand.link(name) for name in names], dtype=np.int64)
 
 
+def palm_side_bases(hand: Hand) -> NDArray[np.int64]:
+    """Return the bases of the fingers that stand beside the palm, in its plane: all but those that oppose others."""
+    bases = [base for finger, base in hand.finger_base.items() if finger not in hand.opposing]
+    return links_of(hand, [base for base in bases if base is not None])
+
+
 def holding_links(hand: Hand, fingers: Sequence[str]) -> NDArray[np.int64]:
     """Return the links that may touch an object held by ``fingers``."""
-    return links_of(hand, [link for finger in fingers for link in FINGER_LINKS[finger]])
+    return links_of(hand, [link for finger in fingers for link in hand.finger_links[finger]])
 
 
 def distance_to_links(
-    T_hand_link: NDArray[np.float64], links: NDArray[np.int64], points: NDArray[np.float64], below: float = FAR
+    posed: PosedHand, links: NDArray[np.int64], points: NDArray[np.float64], below: float = FAR
 ) -> float:
     """Return the smallest signed distance, m, of ``points`` (n, 3), hand frame, to the collision shapes of some links.
 
@@ -63,10 +70,9 @@ def distance_to_links(
     could come nearer than what is known already.
 
     Args:
-        T_hand_link: (L, 4, 4), one hand.
         below: m; returned when nothing is nearer.
     """
-    hand = load_hand()
+    hand, T_hand_link = posed.hand, posed.T_hand_link
     boxes = np.flatnonzero(np.isin(hand.box_link, links))
     balls = np.flatnonzero(np.isin(hand.sphere_link, links))
     T_hand_box = T_hand_link[hand.box_link[boxes]] @ hand.box_pose[boxes]
@@ -115,7 +121,7 @@ def hand_object_clearance(
     if len(on_hand) == 0:
         return FAR
     in_object = float(signed_distance(item, transform_points(inverse_pose(T_hand_object), on_hand)).min())
-    return distance_to_links(posed.T_hand_link, links, transform_points(T_hand_object, item.surface_points), in_object)
+    return distance_to_links(posed, links, transform_points(T_hand_object, item.surface_points), in_object)
 
 
 def hand_clearance(grasp: JoinedGrasp, posed: PosedHand, objects: Sequence[PreparedObject]) -> float:
@@ -127,22 +133,22 @@ def hand_clearance(grasp: JoinedGrasp, posed: PosedHand, objects: Sequence[Prepa
     Args:
         posed: the hand at ``grasp.held_q``.
     """
-    hand = load_hand()
+    hand = posed.hand
     everything = np.arange(len(hand.link_names))
     distances = []
     for single, item, T_hand_object in zip(grasp.singles, objects, grasp.T_hand_held, strict=True):
         allowed = holding_links(hand, single.fingers)
-        if "palm" in single.fingers:
-            allowed = np.concatenate([allowed, links_of(hand, PALM_SIDE_BASES)])
+        if PALM in single.fingers:
+            allowed = np.concatenate([allowed, palm_side_bases(hand)])
         distances.append(hand_object_clearance(posed, np.setdiff1d(everything, allowed), item, T_hand_object))
     return min(distances)
 
 
 def base_clearance(grasp: JoinedGrasp, posed: PosedHand, objects: Sequence[PreparedObject]) -> float:
     """Return the smallest signed distance, m, of the objects that the palm holds to the finger bases beside it."""
-    bases = links_of(load_hand(), PALM_SIDE_BASES)
+    bases = palm_side_bases(posed.hand)
     return min(
-        hand_object_clearance(posed, bases, item, T_hand_object) if "palm" in single.fingers else FAR
+        hand_object_clearance(posed, bases, item, T_hand_object) if PALM in single.fingers else FAR
         for single, item, T_hand_object in zip(grasp.singles, objects, grasp.T_hand_held, strict=True)
     )
 
@@ -152,11 +158,11 @@ def finger_clearance(posed: PosedHand, fingers: Sequence[str]) -> float:
 
     The other pairs of links stand as in a validated grasp; only these fingers have got new neighbours.
     """
-    hand = load_hand()
-    own = links_of(hand, part_links(fingers))
+    hand = posed.hand
+    own = links_of(hand, part_links(fingers, hand))
     others = np.setdiff1d(np.arange(1, len(hand.link_names)), own)
-    to_others = distance_to_links(posed.T_hand_link, others, posed.points_on(own))
-    return distance_to_links(posed.T_hand_link, own, posed.points_on(others), to_others)
+    to_others = distance_to_links(posed, others, posed.points_on(own))
+    return distance_to_links(posed, own, posed.points_on(others), to_others)
 
 
 def self_clearance(grasp: JoinedGrasp, posed: PosedHand) -> float:

@@ -9,57 +9,58 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pipeline.hand.kinematics import link_poses, points_on_links
+from pipeline.hand.model import Hand
 from pipeline.hand.moves import finger_joints, straight
-from pipeline.hand.parts import part_points
+from pipeline.hand.parts import part_links
+from pipeline.hand.surface import hand_surface
+from pipeline.records.parameters.hand import PALM
 from pipeline.records.poses import inverse_pose, pose_matrix, transform_points
+
+PART_POINTS = 300  # on the whole hand, to tell grasps apart
+
+# Which parts of the hand belong to which object, in the order of picking. Fingers belong to one object; the palm may
+# press on several.
+Groups = tuple[tuple[str, ...], ...]
 
 
 @dataclass(frozen=True)
 class SingleGrasp:
-    """One validated grasp of one object; SI units, joint order of ``JOINT_NAMES``."""
+    """One validated grasp of one object; SI units, joint order of the hand."""
 
     grasp_id: int
     fingers: tuple[str, ...]
     T_object_hand: NDArray[np.float64]  # (4, 4)
     contact_candidates: NDArray[np.int64]  # (n,) indices into Hand.contact_points
-    q: NDArray[np.float64]  # (16,)
-    squeeze_q: NDArray[np.float64]  # (16,)
-    open_q: NDArray[np.float64]  # (16,)
+    q: NDArray[np.float64]  # (J,)
+    squeeze_q: NDArray[np.float64]  # (J,)
+    open_q: NDArray[np.float64]  # (J,)
     approach_direction: NDArray[np.float64]  # (3,) object frame, unit, towards where the hand comes from
-
-
-# Which parts of the hand belong to which object of a pair, in the order of picking. Fingers belong to one object; the
-# palm may press on several.
-Groups = tuple[tuple[str, ...], ...]
-PAIR_GROUPS: Groups = (("thumb", "index", "middle"), ("ring", "palm"))
 
 
 @dataclass(frozen=True)
 class JoinedGrasp:
     """One hand around its objects, which are in the order of picking; two of them are the usual case."""
 
+    hand: Hand
     singles: tuple[SingleGrasp, ...]
     groups: Groups  # per object the parts of the hand that belong to it; its grasp may use less
-    q: NDArray[np.float64]  # (16,)
-    squeeze_q: NDArray[np.float64]  # (16,)
+    q: NDArray[np.float64]  # (J,)
+    squeeze_q: NDArray[np.float64]  # (J,)
     T_hand_object: tuple[NDArray[np.float64], ...]  # (4, 4) each
-    held_q: NDArray[np.float64]  # (16,) like q, but the fingers of all but the last as they are once they squeeze
+    held_q: NDArray[np.float64]  # (J,) like q, but the fingers of all but the last as they are once they squeeze
     T_hand_held: tuple[NDArray[np.float64], ...]  # (4, 4) of the objects then; see pipeline.physics.settling
 
-    def waiting(self, pick: int) -> tuple[str, ...]:
-        """Return the fingers that belong to the objects picked after number ``pick``."""
-        return fingers_of(self.groups[pick + 1 :])
-
     def posture(self, pick: int) -> NDArray[np.float64]:
-        """Return joints (16,), rad, when number ``pick`` was just grasped: as held, but waiting fingers straight."""
-        q = self.held_q.copy()
-        q[finger_joints(self.waiting(pick))] = straight(self.waiting(pick))
+        """Return joints (J,), rad, when number ``pick`` was just grasped: as held, but waiting fingers straight."""
+        q, waiting = self.held_q.copy(), fingers_of(self.groups[pick + 1 :])
+        q[finger_joints(waiting, self.hand)] = straight(waiting, self.hand)
         return q
 
 
 def fingers_of(groups: Sequence[Sequence[str]]) -> tuple[str, ...]:
     """Return the fingers of some groups, the palm left out."""
-    return tuple(finger for group in groups for finger in group if finger != "palm")
+    return tuple(finger for group in groups for finger in group if finger != PALM)
 
 
 def validated_grasps(table: pd.DataFrame) -> list[SingleGrasp]:
@@ -80,21 +81,41 @@ def validated_grasps(table: pd.DataFrame) -> list[SingleGrasp]:
     ]
 
 
-def _shape(grasp: SingleGrasp) -> NDArray[np.float64]:
-    """Surface points (n, 3), object frame, of the part of the hand that a merged grasp takes from this one."""
-    style = "side" if "ring" in grasp.fingers else "pinch"
-    return transform_points(grasp.T_object_hand, part_points(style, grasp.q))
+def _shapes(hand: Hand, grasps: Sequence[SingleGrasp], groups: Groups, number: int) -> NDArray[np.float64]:
+    """Surface points (grasps, n, 3), object frame, of the part of the hand that a joined grasp takes from each.
+
+    The same points of the same links in every grasp. Where the palm holds it is the group's fingers and the palm, else
+    everything but the fingers of the other groups.
+    """
+    links, points = hand_surface(PART_POINTS, hand)
+    others = fingers_of([group for place, group in enumerate(groups) if place != number])
+    chosen = fingers_of([groups[number]]) if PALM in groups[number] else others
+    own = np.isin(links, [hand.link(name) for name in part_links(chosen, hand)])
+    own = (
+        own | np.isin(links, [hand.link(name) for name in hand.finger_links[PALM]]) if PALM in groups[number] else ~own
+    )
+    return np.stack(
+        [
+            transform_points(
+                grasp.T_object_hand, points_on_links(link_poses(hand, grasp.q[None]), links[own], points[own])[0]
+            )
+            for grasp in grasps
+        ]
+    )
 
 
-def distinct_grasps(grasps: list[SingleGrasp], distance: float) -> list[SingleGrasp]:
-    """Return the grasps, all of one style, without those that nearly repeat an earlier one.
+def distinct_grasps(
+    hand: Hand, grasps: list[SingleGrasp], groups: Groups, number: int, distance: float
+) -> list[SingleGrasp]:
+    """Return the grasps of one object without those that nearly repeat an earlier one.
 
     Args:
+        groups, number: parts of the hand for every object, and which one is grasped here.
         distance: m; two grasps are one when the parts of the hand that count lie closer than this on average.
     """
     if not grasps:
         return []
-    shapes = np.stack([_shape(grasp) for grasp in grasps])
+    shapes = _shapes(hand, grasps, groups, number)
     kept: list[int] = []
     for index, shape in enumerate(shapes):
         apart = np.linalg.norm(shapes[kept] - shape, axis=2).mean(1)
@@ -103,17 +124,17 @@ def distinct_grasps(grasps: list[SingleGrasp], distance: float) -> list[SingleGr
     return [grasps[index] for index in kept]
 
 
-def join(singles: Sequence[SingleGrasp], groups: Groups = PAIR_GROUPS) -> JoinedGrasp:
+def join(hand: Hand, singles: Sequence[SingleGrasp], groups: Groups) -> JoinedGrasp:
     """Join grasps: the fingers of each group as in its grasp, all others as in the first one, each object where its
     grasp has it. Objects are taken to stay where they are when they are squeezed.
     """
     T_hand_object = tuple(inverse_pose(single.T_object_hand) for single in singles)
     q, squeeze_q = singles[0].q.copy(), singles[0].squeeze_q.copy()
     for single, group in zip(singles[1:], groups[1:], strict=True):
-        own = finger_joints(group)
+        own = finger_joints(group, hand)
         q[own] = single.q[own]
         squeeze_q[own] = single.squeeze_q[own]
-    return JoinedGrasp(tuple(singles), groups, q, squeeze_q, T_hand_object, q, T_hand_object)
+    return JoinedGrasp(hand, tuple(singles), groups, q, squeeze_q, T_hand_object, q, T_hand_object)
 
 
 def fingers_fit(singles: Sequence[SingleGrasp], groups: Groups) -> bool:

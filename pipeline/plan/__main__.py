@@ -13,6 +13,7 @@ reconstructed objects, such as data/sample/reconstructed/cube.parquet.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,6 +23,7 @@ import numpy as np
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters
+from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.poses import pose_matrix, transform_points
 from pipeline.records.sources import OF_ALL_PAIRS, SOURCES
 from pipeline.stages.running import command
@@ -29,10 +31,12 @@ from pipeline.stages.running import command
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from pipeline.evaluate.grasps import TwoObjectGrasp
+    from pipeline.evaluate.grasps import SequenceGrasp
+    from pipeline.hand.model import Hand
     from pipeline.plan.proposal import Table
     from pipeline.records.objects import PreparedObject
     from pipeline.records.parameters.evaluate import EvaluateParameters
+    from pipeline.records.parameters.picks import PickParameters
 
 PREPARED = tuple(source.folder for source in OF_ALL_PAIRS.values())  # grasps of prepared objects
 PHOTOGRAPHED = SOURCES[paths.RECONSTRUCTED].folder  # grasps of objects as photos show them
@@ -41,7 +45,7 @@ BASE_HEIGHT = 0.003  # m over an object's lowest point, within which it is taken
 
 def sections() -> list[str]:
     """Parameter sections that a plan depends on."""
-    return ["seed", "physics", "evaluate"]
+    return ["seed", "picks", "physics", "evaluate"]
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,7 @@ def plan(choice: Choice, places: Places, output: Path, dry_run: bool) -> bool:
     parameters = load_parameters(sections())
     settings, physics = parameters["evaluate"], parameters["physics"]
 
+    from pipeline.hand.model import load_hand
     from pipeline.pictures.picture import png_bytes
     from pipeline.plan.limits import check_limits
     from pipeline.plan.playback import play, playback_strip
@@ -88,20 +93,23 @@ def plan(choice: Choice, places: Places, output: Path, dry_run: bool) -> bool:
         raise UserError(f"{output} is a file; name a folder with --output.")
     check_writable(output)
     _check_frames(choice.table, places.capture)
-    grasp, names = _grasp(choice)
-    table = _captured(names, places, settings) if places.capture else _placed(names, places, settings)
+    hand = load_hand(ALLEGRO)
+    grasp, names = _grasp(choice, hand, parameters["picks"])
+    table = (
+        _captured(names, places, settings) if places.capture else _placed(names, places, parameters["picks"], settings)
+    )
     rng = item_generator(parameters["seed"], "plan", *names, grasp.merged_id)
-    waypoints = waypoints_of(propose(table, grasp, settings, rng), settings.control_frequency)
-    checks = check_limits(waypoints, squeeze_torque(grasp, physics))
+    waypoints = waypoints_of(propose(table, grasp, hand, settings, rng), settings.control_frequency)
+    checks = check_limits(hand, waypoints, squeeze_torque(grasp, physics))
     for name in ("plan.csv", "playback.json", "playback.png"):  # of an earlier plan
         (output / name).unlink(missing_ok=True)
-    write_json(output / "plan.json", plan_record(table, grasp, str(choice.table), waypoints, checks))
+    write_json(output / "plan.json", plan_record(hand, table, grasp, str(choice.table), waypoints, checks))
     failed = [check for check in checks if not check.passed]
     if failed:
         more = f" ({len(failed) - 1} more, see {output / 'plan.json'})" if len(failed) > 1 else ""
         raise UserError(f"{failed[0].sentence()}{more}, as no plan.csv is written now.")
     with whole_file(output / "plan.csv") as temporary:
-        temporary.write_text(plan_csv(waypoints), encoding="utf-8")
+        temporary.write_text(plan_csv(hand, waypoints), encoding="utf-8")
     print(
         f"{len(waypoints.times)} way-points, {waypoints.times[-1]:.1f} s, all limits kept (nearest: "
         f"{max(checks, key=lambda check: check.used).name}, {100 * max(check.used for check in checks):.0f} %); "
@@ -109,11 +117,11 @@ def plan(choice: Choice, places: Places, output: Path, dry_run: bool) -> bool:
     )
     if not dry_run:
         return True
-    outcome = play(table, waypoints, settings, physics)
-    kept = ("success", "success_10cm", "reason", "phase", "height0", "height1", "push1", "steps")
+    outcome = play(hand, table, waypoints, settings, physics)
+    kept = ("success", "success_10cm", "reason", "phase", "heights", "pushes", "steps")
     write_json(output / "playback.json", {name: outcome[name] for name in kept})
     with whole_file(output / "playback.png") as temporary:
-        temporary.write_bytes(png_bytes(playback_strip(table, outcome, settings)))
+        temporary.write_bytes(png_bytes(playback_strip(hand, table, outcome, settings)))
     told = "both objects were lifted and held" if outcome["success"] else f"ended early: {outcome['reason']}"
     print(f"dry run in simulation: {told}; wrote playback.json and playback.png to {output}")
     return bool(outcome["success"])
@@ -137,11 +145,12 @@ def _check_frames(source: Path, capture: str | None) -> None:
         )
 
 
-def _grasp(choice: Choice) -> tuple[TwoObjectGrasp, tuple[str, str]]:
+def _grasp(choice: Choice, hand: Hand, picks: Sequence[PickParameters]) -> tuple[SequenceGrasp, tuple[str, str]]:
     """Return the chosen grasp of a table, and the names of its objects."""
     from pipeline.evaluate.grasps import grasp_from_row
+    from pipeline.pairing.task import groups_of
     from pipeline.records.parameters import OBJECT_NAME
-    from pipeline.records.tables import MERGED, pair_rows, read_table
+    from pipeline.records.tables import MERGED, read_table, rows_of
 
     source = choice.table
     try:
@@ -151,10 +160,15 @@ def _grasp(choice: Choice) -> tuple[TwoObjectGrasp, tuple[str, str]]:
             f"{source} is missing or no table of two-object grasps; name one of {', '.join(map(str, PREPARED))} or "
             f"{PHOTOGRAPHED}, or of `python -m pipeline.sample`."
         ) from error
-    for name in dict.fromkeys([*grasps["object0"], *grasps["object1"]]):
+    pairs = list(dict.fromkeys(() if names is None else tuple(names) for names in grasps["objects"]))
+    if any(len(names) != 2 for names in pairs):
+        raise UserError(f"{source} has rows that are not about two objects each; use a table of pairs.")
+    for name in dict.fromkeys(name for names in pairs for name in names):
         if not isinstance(name, str) or not OBJECT_NAME.fullmatch(name):  # names become folders
             raise UserError(f"{source} names an object {name!r}; names have small letters, digits and underscores.")
-    pair = pair_rows(grasps, _second(choice, list(dict.fromkeys(grasps["object1"]))))
+    second = _second(choice, list(dict.fromkeys(second for _, second in pairs)))
+    names = next((first, other) for first, other in pairs if other == second)
+    pair = rows_of(grasps, names)
     if choice.merged_id is None:
         own = pair[pair["rejected_by"] == ""].sort_values("merged_id", kind="stable")
         if own.empty:
@@ -170,7 +184,7 @@ def _grasp(choice: Choice) -> tuple[TwoObjectGrasp, tuple[str, str]]:
                 f"grasp {choice.merged_id} of {source} was refused ({own['rejected_by'].iloc[0]}); choose another."
             )
     row = {str(name): value for name, value in own.iloc[0].items()}
-    return grasp_from_row(row), (row["object0"], row["object1"])
+    return grasp_from_row(row, hand, groups_of(picks)), names
 
 
 def _second(choice: Choice, seconds: list[str]) -> str:
@@ -185,22 +199,24 @@ def _second(choice: Choice, seconds: list[str]) -> str:
     raise UserError(f"{choice.table} {asked}; choose one of {', '.join(seconds)} with --second.")
 
 
-def _placed(names: tuple[str, str], places: Places, settings: EvaluateParameters) -> Table:
+def _placed(
+    names: tuple[str, str], places: Places, picks: Sequence[PickParameters], settings: EvaluateParameters
+) -> Table:
     """Return both prepared objects, standing on the sponge where the options say."""
-    from pipeline.evaluate.scene import placed, without_grid
+    from pipeline.evaluate.scene import placed
     from pipeline.plan.proposal import StandingObject, Table
-    from pipeline.records.objects import load_prepared_object
+    from pipeline.records.kept import kept_object
 
-    first, second = (without_grid(load_prepared_object(name)) for name in names)
-    nominal = placed((first, second), settings, np.zeros((2, 3)))
+    objects = [kept_object(name, grid=False) for name in names]
+    nominal = placed(picks, objects, settings, np.zeros((2, 3)))
     offsets = np.zeros((2, 3))
     for index, place in enumerate(places.objects):
         if place is not None:
             offsets[index] = [place[0] - nominal[index][0, 3], place[1] - nominal[index][1, 3], np.radians(place[2])]
-    poses = placed((first, second), settings, offsets)
-    for name, prepared, T in zip(names, (first, second), poses, strict=True):
-        _check_on_sponge(name, prepared, T)
-    return Table((StandingObject(first, poses[0]), StandingObject(second, poses[1])))
+    standing = [StandingObject(*each) for each in zip(objects, placed(picks, objects, settings, offsets), strict=True)]
+    for item in standing:
+        _check_on_sponge(item.prepared.name, item.prepared, item.T_world_object)
+    return Table(tuple(standing))
 
 
 def _captured(names: tuple[str, str], places: Places, settings: EvaluateParameters) -> Table:

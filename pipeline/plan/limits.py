@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import JOINT_NAMES, load_hand
-from pipeline.hand.robot import ARM_JOINT_NAMES, ROBOT_JOINT_NAMES
+from pipeline.hand.model import Hand
+from pipeline.hand.robot import ARM_JOINT_NAMES, robot_joint_names
 from pipeline.motion.arm_model import ARM_ACCELERATION
 
 # Franka Emika, "Robot and interface specifications", limits for Panda
@@ -40,11 +40,11 @@ class Waypoints:
 
     times: NDArray[np.float64]  # (n,) s, evenly spaced
     phases: tuple[str, ...]  # (n,) the phase in which the robot gets there
-    q: NDArray[np.float64]  # (n, 23) rad, in the order of ``hand.robot.ROBOT_JOINT_NAMES``
+    q: NDArray[np.float64]  # (n, R) rad, in the order of ``hand.robot.robot_joint_names``: the arm's, the hand's
     arm_velocity: NDArray[np.float64]  # (n, 7) rad/s
 
     def rows(self) -> Iterator[tuple[float, str, list[float], list[float]]]:
-        """Yield time, phase, positions (23) and velocities of the arm (7) of every way-point, as plain numbers."""
+        """Yield time, phase, positions (R) and velocities of the arm (7) of every way-point, as plain numbers."""
         return zip(self.times.tolist(), self.phases, self.q.tolist(), self.arm_velocity.tolist(), strict=True)
 
 
@@ -95,9 +95,9 @@ def _arm_limit(name: str, unit: str, bound: NDArray[np.float64]) -> _Limit:
     return _Limit(f"arm {name}", unit, -bound, bound, ARM_JOINT_NAMES, ARM_SOURCE)
 
 
-def _hand_limit(name: str, unit: str, bound: float, source: str, mend: str = OTHER_GRASP) -> _Limit:
-    bounds = np.full(len(JOINT_NAMES), bound)
-    return _Limit(f"hand {name}", unit, -bounds, bounds, JOINT_NAMES, source, mend)
+def _hand_limit(hand: Hand, name: str, unit: str, bound: float, source: str, mend: str = OTHER_GRASP) -> _Limit:
+    bounds = np.full(hand.joint_count, bound)
+    return _Limit(f"hand {name}", unit, -bounds, bounds, hand.joint_names, source, mend)
 
 
 def _check(limit: _Limit, values: NDArray[np.float64], times: NDArray[np.float64], waypoints: Waypoints) -> Check:
@@ -127,17 +127,17 @@ def _check(limit: _Limit, values: NDArray[np.float64], times: NDArray[np.float64
     )
 
 
-def weight_torques(q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the torques (n, 16), N m, with which the hand's joints carry the fingers' own weight at ``q`` (n, 23)."""
+def weight_torques(hand: Hand, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the torques (n, J), N m, with which the hand's joints carry the fingers' own weight at ``q`` (n, R)."""
     import pinocchio as pin
 
     from pipeline.hand.robot import robot_file
 
-    model = pin.buildModelFromUrdf(str(robot_file(arm=True)))
+    model = pin.buildModelFromUrdf(str(robot_file(True, hand)))
     data = model.createData()
-    joints = [model.joints[model.getJointId(name)] for name in ROBOT_JOINT_NAMES]
+    joints = [model.joints[model.getJointId(name)] for name in robot_joint_names(hand)]
     place, speed = [joint.idx_q for joint in joints], [joint.idx_v for joint in joints[7:]]
-    torques = np.zeros((len(q), 16))
+    torques = np.zeros((len(q), len(speed)))
     for row, angles in enumerate(q):
         configuration = np.zeros(model.nq)
         configuration[place] = angles
@@ -175,25 +175,25 @@ def _arm_checks(waypoints: Waypoints) -> list[Check]:
     return checks
 
 
-def _hand_checks(waypoints: Waypoints, squeeze_torque: NDArray[np.float64]) -> list[Check]:
-    hand, times, q = load_hand(), waypoints.times, waypoints.q
+def _hand_checks(hand: Hand, waypoints: Waypoints, squeeze_torque: NDArray[np.float64]) -> list[Check]:
+    times, q = waypoints.times, waypoints.q
     speeds = np.diff(q[:, 7:], axis=0) / (times[1] - times[0])
-    position = _Limit("hand position", "rad", hand.lower, hand.upper, JOINT_NAMES, HAND_ANGLE_SOURCE)
-    velocity = _hand_limit("velocity", "rad/s", HAND_VELOCITY, HAND_VELOCITY_SOURCE, SLOWER)
-    squeezing = _hand_limit("torque of squeezing", "N m", HAND_TORQUE, HAND_TORQUE_SOURCE, WEAKER)
-    weight = _hand_limit("torque of the fingers' weight", "N m", HAND_TORQUE, HAND_TORQUE_SOURCE)
+    position = _Limit("hand position", "rad", hand.lower, hand.upper, hand.joint_names, HAND_ANGLE_SOURCE)
+    velocity = _hand_limit(hand, "velocity", "rad/s", HAND_VELOCITY, HAND_VELOCITY_SOURCE, SLOWER)
+    squeezing = _hand_limit(hand, "torque of squeezing", "N m", HAND_TORQUE, HAND_TORQUE_SOURCE, WEAKER)
+    weight = _hand_limit(hand, "torque of the fingers' weight", "N m", HAND_TORQUE, HAND_TORQUE_SOURCE)
     return [
         _check(position, q[:, 7:], times, waypoints),
         _check(velocity, speeds, times[1:], waypoints),
         _check(squeezing, squeeze_torque[None], times[-1:], waypoints),
-        _check(weight, weight_torques(q), times, waypoints),
+        _check(weight, weight_torques(hand, q), times, waypoints),
     ]
 
 
-def check_limits(waypoints: Waypoints, squeeze_torque: NDArray[np.float64]) -> list[Check]:
+def check_limits(hand: Hand, waypoints: Waypoints, squeeze_torque: NDArray[np.float64]) -> list[Check]:
     """Return all checks of a sequence.
 
     Args:
-        squeeze_torque: (16,) N m, what the drives of the fingers ask for at most while objects are squeezed.
+        squeeze_torque: (J,) N m, what the drives of the fingers ask for at most while objects are squeezed.
     """
-    return _arm_checks(waypoints) + _hand_checks(waypoints, squeeze_torque)
+    return _arm_checks(waypoints) + _hand_checks(hand, waypoints, squeeze_torque)

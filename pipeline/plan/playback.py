@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pipeline.evaluate.execution import Ended, Run
 from pipeline.evaluate.scene import build_scene
 from pipeline.evaluate.sequence import Phase, rest_phase
+from pipeline.hand.model import Hand
 from pipeline.plan.limits import Waypoints
 from pipeline.plan.proposal import Table
 from pipeline.records.parameters.evaluate import EvaluateParameters
@@ -33,28 +34,30 @@ def phases_of(waypoints: Waypoints) -> list[Phase]:
 
 
 def play(
-    table: Table, waypoints: Waypoints, settings: EvaluateParameters, physics: PhysicsParameters
+    hand: Hand, table: Table, waypoints: Waypoints, settings: EvaluateParameters, physics: PhysicsParameters
 ) -> dict[str, Any]:
     """Run a plan blindly, judged as a trial is, and return ``execution.Run.outcome``."""
-    first, second = table.objects
     scene = build_scene(
-        (first.prepared, second.prepared),
+        hand,
+        [item.prepared for item in table.objects],
         settings,
         physics,
-        (first.T_world_object, second.T_world_object),
+        [item.T_world_object for item in table.objects],
         [(item.prepared, item.T_world_object) for item in table.others],
     )
     run = Run(scene, settings, rest=[body.pose for body in scene.objects])
-    reason = ""
+    reason = None
     try:
         run.settle(rest_phase("settle", run.posture, settings.settle_seconds, settings))
         run.execute(phases_of(waypoints))
     except Ended as end:
-        reason = str(end)
+        reason = end.reason
     return run.outcome(reason)
 
 
-def playback_strip(table: Table, outcome: dict[str, Any], settings: EvaluateParameters) -> NDArray[np.uint8]:
+def playback_strip(
+    hand: Hand, table: Table, outcome: dict[str, Any], settings: EvaluateParameters
+) -> NDArray[np.uint8]:
     """Return pictures of the main phases, and of the last one that was reached, side by side.
 
     Other objects are drawn where they were put.
@@ -71,14 +74,14 @@ def playback_strip(table: Table, outcome: dict[str, Any], settings: EvaluatePara
     for index, phase in enumerate(outcome["snapshot_phases"]):
         if phase not in SHOWN and index < len(outcome["snapshot_phases"]) - 1:
             continue
-        poses = [outcome[f"snapshot_pose{slot}"][index] for slot in (0, 1)]
+        poses = [own[index] for own in outcome["snapshot_poses"]]
         bodies = [
             Body(item.prepared.vertices, item.prepared.faces, colour, pose_matrix(pose[:3], pose[3:]))
             for item, colour, pose in zip(table.objects, OBJECT_COLOURS, poses, strict=False)
         ]
         robot_q = outcome["snapshot_robot_q"][index]
         pictures.append(
-            moment_picture(robot_q, [*bodies, *others], settings.sponge_height, PICTURE_WIDTH, PICTURE_HEIGHT)
+            moment_picture(robot_q, hand, [*bodies, *others], settings.sponge_height, PICTURE_WIDTH, PICTURE_HEIGHT)
         )
         captions.append(phase)
     return strip(pictures, captions)

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.evaluate.grasps import TwoObjectGrasp
+from pipeline.evaluate.grasps import SequenceGrasp
 from pipeline.evaluate.scene import START_ARM, START_HAND, object_obstacle
 from pipeline.evaluate.sequence import Phase, Posture, Surroundings, pick_phases, plan_all
-from pipeline.hand.robot import ARM_JOINT_NAMES, ROBOT_JOINT_NAMES
+from pipeline.hand.model import Hand
+from pipeline.hand.robot import ARM_JOINT_NAMES, robot_joint_names
 from pipeline.plan.limits import Check, Waypoints
 from pipeline.records.errors import UserError
 from pipeline.records.objects import PreparedObject
@@ -35,13 +36,15 @@ class StandingObject:
 
 @dataclass(frozen=True)
 class Table:
-    """What is before the robot: the two objects to pick, in that order, and others to keep away from."""
+    """What is before the robot: the objects to pick, in that order, and others to keep away from."""
 
-    objects: tuple[StandingObject, StandingObject]
+    objects: tuple[StandingObject, ...]
     others: tuple[StandingObject, ...] = ()
 
 
-def propose(table: Table, grasp: TwoObjectGrasp, settings: EvaluateParameters, rng: np.random.Generator) -> list[Phase]:
+def propose(
+    table: Table, grasp: SequenceGrasp, hand: Hand, settings: EvaluateParameters, rng: np.random.Generator
+) -> list[Phase]:
     """Return all phases from the start posture to the hold.
 
     Raises:
@@ -60,7 +63,7 @@ def propose(table: Table, grasp: TwoObjectGrasp, settings: EvaluateParameters, r
     count = len(table.objects)
     around = Surroundings(tuple(obstacles[:count]), tuple(obstacles[count:]))
     start = Posture(START_ARM, START_HAND)
-    picks = plan_all(grasp, around, start, settings, rng)
+    picks = plan_all(grasp, hand, around, start, settings, rng)
     if len(picks) < count:
         raise UserError(
             f"no motion was found that picks {table.objects[len(picks)].prepared.name} with grasp {grasp.merged_id}; "
@@ -81,14 +84,14 @@ def waypoints_of(phases: Sequence[Phase], frequency: int) -> Waypoints:
     return Waypoints(np.arange(len(q)) / frequency, tuple(names), q, velocity)
 
 
-def squeeze_torque(grasp: TwoObjectGrasp, physics: PhysicsParameters) -> NDArray[np.float64]:
-    """Return (16,) N m: what the fingers' drives ask for when objects stop them at the grasp, at most their limit."""
+def squeeze_torque(grasp: SequenceGrasp, physics: PhysicsParameters) -> NDArray[np.float64]:
+    """Return (J,) N m: what the fingers' drives ask for when objects stop them at the grasp, at most their limit."""
     demand = physics.hand_stiffness * (grasp.squeeze_q - grasp.q)
     return np.clip(demand, -physics.hand_torque_limit, physics.hand_torque_limit)
 
 
 def plan_record(
-    table: Table, grasp: TwoObjectGrasp, source: str, waypoints: Waypoints, checks: Sequence[Check]
+    hand: Hand, table: Table, grasp: SequenceGrasp, source: str, waypoints: Waypoints, checks: Sequence[Check]
 ) -> dict[str, Any]:
     """Return the content of ``plan.json``; docs/plan.md explains it."""
     names = list(dict.fromkeys(waypoints.phases))
@@ -100,7 +103,7 @@ def plan_record(
     return {
         "units": {"time": "s", "position": "rad", "velocity": "rad/s", "length": "m"},
         "world_frame": "panda_link0: x forward, z up",
-        "joint_names": list(ROBOT_JOINT_NAMES),
+        "joint_names": list(robot_joint_names(hand)),
         "grasp": {"table": source, "merged_id": grasp.merged_id},
         "objects": [_placed(item) for item in table.objects],
         "others": [_placed(item) for item in table.others],
@@ -118,11 +121,11 @@ def _placed(item: StandingObject) -> dict[str, Any]:
     return {"name": item.prepared.name, "T_world_object": item.T_world_object.tolist()}
 
 
-def plan_csv(waypoints: Waypoints) -> str:
-    """Return the way-points as text: time, phase, 23 positions, 7 velocities of the arm."""
+def plan_csv(hand: Hand, waypoints: Waypoints) -> str:
+    """Return the way-points as text: time, phase, positions of all joints, velocities of the arm."""
     target = io.StringIO()
     writer = csv.writer(target, lineterminator="\n")
-    writer.writerow(["time", "phase", *ROBOT_JOINT_NAMES, *(f"{name}_velocity" for name in ARM_JOINT_NAMES)])
+    writer.writerow(["time", "phase", *robot_joint_names(hand), *(f"{name}_velocity" for name in ARM_JOINT_NAMES)])
     for time, phase, q, velocity in waypoints.rows():
         writer.writerow([time, phase, *q, *velocity])
     return target.getvalue()

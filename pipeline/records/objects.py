@@ -41,9 +41,12 @@ SHAPES: dict[str, tuple[str, tuple[int | None, ...]]] = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PreparedObject:
-    """One object ready for synthesis, physics and pictures; all arrays in the object frame, SI units."""
+    """One object ready for synthesis, physics and pictures; all arrays in the object frame, SI units.
+
+    Equal to itself alone, so that what is made of it can be kept by it.
+    """
 
     name: str
     vertices: NDArray[np.float64]  # (V, 3)

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -91,125 +92,74 @@ CHECKED = pa.schema(
 # The candidates' rows after physics, without descriptions in the file.
 VALIDATED = pa.schema([*CANDIDATES, *(column.remove_metadata() for column in CHECKED)])
 
-# One row per tried combination of a pinch grasp (object 0) and a side grasp (object 1). reports/dataset.md lists the
-# descriptions.
+# One row per tried combination of single grasps. Lists have an entry per object, in the order of picking; those of the
+# approaches end where the checks ended. reports/dataset.md lists the descriptions, pair by pair.
 MERGED = pa.schema(
     [
-        _column("merged_id", pa.int32(), "number of the row in its pair, in the order of trial"),
-        _column("object0", pa.string(), "object picked first, held by thumb, index and middle finger"),
-        _column("object1", pa.string(), "object picked second, held by ring finger and palm"),
-        _column("grasp0_id", pa.int32(), "`grasp_id` of the pinch grasp in `data/validate/pinch/<object0>.parquet`"),
-        _column("grasp1_id", pa.int32(), "`grasp_id` of the side grasp in `data/validate/side/<object1>.parquet`"),
-        _column("fingers0", pa.string(), "who holds object 0, such as `thumb+index`"),
-        _column("fingers1", pa.string(), "who holds object 1: `ring+palm`"),
-        _column("q", _vector(16), "rad, joints of the grasp: index, middle, ring, thumb, four each, from the base"),
-        _column("position_hand_object0", _vector(3), "m, origin of object 0 in the hand frame"),
-        _column("quaternion_hand_object0", _vector(4), "w, x, y, z: turns vectors of object 0's frame to the hand's"),
-        _column("position_hand_object1", _vector(3), "m, origin of object 1 in the hand frame"),
-        _column("quaternion_hand_object1", _vector(4), "w, x, y, z: turns vectors of object 1's frame to the hand's"),
+        _column("merged_id", pa.int32(), "number of the row among those of its objects, in the order of trial"),
+        _column("objects", pa.list_(pa.string()), "names, in the order of picking"),
+        _column("grasp_ids", pa.list_(pa.int32()), "`grasp_id` of the single grasp of each object"),
+        _column("fingers", pa.list_(pa.string()), "who holds each object, such as `thumb+index`"),
+        _column("q", _vector(16), "rad, joints of the grasp"),
         _column("squeeze_q", _vector(16), "rad, drive targets that press the contacts together"),
+        _column("positions_hand_object", pa.list_(_vector(3)), "m, origin of each object in the hand frame"),
         _column(
-            "open_q0",
-            _OPTIONAL_VECTOR,
-            "rad, joints for the approach to object 0: pinching fingers open, ring finger out of the way",
+            "quaternions_hand_object", pa.list_(_vector(4)), "w, x, y, z: turns vectors of its frame to the hand's"
+        ),
+        _column("open_q", pa.list_(_vector(16)), "rad, drive targets for the approach to each object"),
+        _column(
+            "approach_directions",
+            pa.list_(_vector(3)),
+            "unit vector, each object's frame, from the grasp towards where the hand comes from",
         ),
         _column(
-            "open_q1",
-            _OPTIONAL_VECTOR,
-            "rad, drive targets for the approach to object 1: pinching fingers squeeze, ring finger open",
+            "approach_lengths",
+            pa.list_(pa.float64()),
+            "m, straight line that sweeps through nothing; null for the first object",
         ),
         _column(
-            "approach_direction0",
-            _OPTIONAL_VECTOR,
-            "unit vector, object 0's frame, from the grasp towards where the hand comes from",
+            "sweep_penetrations",
+            pa.list_(pa.int32()),
+            "surface points that touch something on that line; null for the first object",
         ),
-        _column("approach_direction1", _OPTIONAL_VECTOR, "the same for object 1, in its frame"),
-        _column("approach_length1", pa.float64(), "m, straight line to object 1 that sweeps through nothing"),
-        _column("object_clearance", pa.float64(), "m, smallest distance between the objects, the first one squeezed"),
+        _column(
+            "object_clearance", pa.float64(), "m, smallest distance between two objects, all but the last squeezed"
+        ),
         _column("hand_clearance", pa.float64(), "m, smallest distance of an object to links that do not hold it"),
         _column(
-            "mount_clearance", pa.float64(), "m, height of flange and mount over the plane that object 1 stands on"
+            "mount_clearance",
+            pa.float64(),
+            "m, least height of flange and mount over what an object after the first stands on",
         ),
-        _column("sweep_penetrations", pa.int32(), "surface points that touch something on the way to object 1"),
         _column(
             "gravity_drift",
             pa.list_(pa.float64()),
-            "m, motion in the hand per gravity direction tested, of the object that moves more",
+            "m, motion in the hand per gravity direction tested, of the object that moves most",
         ),
         _column("rejected_by", pa.string(), "first failed check, empty for a grasp that passed all"),
     ]
 )
 
-# One row per robot trial.
+# One row per robot trial. Lists have an entry per object, in the order of picking.
 TRIALS = pa.schema(
     [
         ("trial", pa.int32()),
         ("source", pa.string()),
-        ("object0", pa.string()),
-        ("object1", pa.string()),
+        ("objects", pa.list_(pa.string())),
         ("merged_id", pa.int32()),
         ("seed", pa.int64()),
-        ("offset0", _vector(3)),  # perturbation of the placement: x, y (m), yaw (rad)
-        ("offset1", _vector(3)),
+        ("offsets", pa.list_(_vector(3))),  # perturbation of the placement: x, y (m), yaw (rad)
         ("phase", pa.string()),  # last phase reached
-        ("success", pa.bool_()),  # both >= 20 cm above rest for 2 s
-        ("success_10cm", pa.bool_()),  # the released code's rule: both > 10 cm at the end of the lift
+        ("success", pa.bool_()),  # all >= 20 cm above rest for 2 s
+        ("success_10cm", pa.bool_()),  # the released code's rule: all > 10 cm at the end of the last lift
         ("reason", pa.string()),  # empty on success
-        ("height0", pa.float64()),  # m above rest, smallest during the hold (or when the trial ended)
-        ("height1", pa.float64()),
-        ("push1", pa.float64()),  # m, how far object 1 moved before the ring closed
+        ("heights", pa.list_(pa.float64())),  # m above rest, smallest during the hold (or when the trial ended)
+        ("pushes", pa.list_(pa.float64())),  # m, how far each object moved before its fingers closed
         ("planning_attempts", pa.int32()),
         ("steps", pa.int32()),  # physics steps
         ("snapshot_phases", pa.list_(pa.string())),
         ("snapshot_robot_q", pa.list_(_vector(23))),  # 7 arm joints, then the hand's 16
-        ("snapshot_pose0", pa.list_(_vector(7))),  # position, quaternion of object 0 in the world
-        ("snapshot_pose1", pa.list_(_vector(7))),
-    ]
-)
-
-# More than two objects: the same columns, with lists over the objects in the order of picking. One row per tried
-# combination.
-JOINED = pa.schema(
-    [
-        ("merged_id", pa.int32()),
-        ("objects", pa.list_(pa.string())),
-        ("fingers", pa.list_(pa.string())),  # who holds each, such as thumb+index
-        ("grasp_ids", pa.list_(pa.int32())),
-        ("q", _vector(16)),
-        ("squeeze_q", _vector(16)),
-        ("positions_hand_object", pa.list_(_vector(3))),
-        ("quaternions_hand_object", pa.list_(_vector(4))),
-        # As far as the checks were reached, likewise the next three.
-        ("open_q", pa.list_(_vector(16))),
-        ("approach_directions", pa.list_(_vector(3))),
-        ("approach_lengths", pa.list_(pa.float64())),  # of all but the first
-        ("sweep_penetrations", pa.list_(pa.int32())),  # of all but the first
-        ("object_clearance", pa.float64()),
-        ("hand_clearance", pa.float64()),
-        ("mount_clearance", pa.float64()),
-        ("gravity_drift", pa.list_(pa.float64())),
-        ("rejected_by", pa.string()),
-    ]
-)
-
-# One row per robot trial with them.
-JOINED_TRIALS = pa.schema(
-    [
-        ("trial", pa.int32()),
-        ("objects", pa.list_(pa.string())),
-        ("merged_id", pa.int32()),
-        ("seed", pa.int64()),
-        ("offsets", pa.list_(_vector(3))),  # perturbation of the placement: x, y (m) and yaw (rad) per object
-        ("phase", pa.string()),
-        ("success", pa.bool_()),  # all >= 20 cm above rest for 2 s
-        ("success_10cm", pa.bool_()),
-        ("reason", pa.string()),
-        ("heights", pa.list_(pa.float64())),
-        ("planning_attempts", pa.int32()),
-        ("steps", pa.int32()),
-        ("snapshot_phases", pa.list_(pa.string())),
-        ("snapshot_robot_q", pa.list_(_vector(23))),
-        ("snapshot_poses", pa.list_(pa.list_(_vector(7)))),  # per object, per snapshot
+        ("snapshot_poses", pa.list_(pa.list_(_vector(7)))),  # per object, per snapshot: position, quaternion (world)
     ]
 )
 
@@ -264,7 +214,7 @@ def read_table(source: Path, schema: pa.Schema, made_by: str) -> pd.DataFrame:
     Raises:
         UserError: the file is missing, damaged, of another hand, or has other columns.
     """
-    return _read(source, schema, made_by, schema.names).to_pandas(ignore_metadata=True)
+    return read_arrow(source, schema, made_by, schema.names).to_pandas(ignore_metadata=True)
 
 
 def read_columns(source: Path, schema: pa.Schema, made_by: str, columns: Sequence[str]) -> dict[str, list[Any]]:
@@ -272,10 +222,11 @@ def read_columns(source: Path, schema: pa.Schema, made_by: str, columns: Sequenc
 
     Args, Raises: see :func:`read_table`.
     """
-    return _read(source, schema, made_by, columns).to_pydict()
+    return read_arrow(source, schema, made_by, columns).to_pydict()
 
 
-def _read(source: Path, schema: pa.Schema, made_by: str, columns: Sequence[str]) -> pa.Table:
+def read_arrow(source: Path, schema: pa.Schema, made_by: str, columns: Sequence[str]) -> pa.Table:
+    """Read some columns of a table; see :func:`read_table`."""
     mend = f"run `dvc repro {made_by}` to make it again"
     if not source.exists():
         raise UserError(f"{source} is missing; {mend}.")
@@ -295,9 +246,10 @@ def _read(source: Path, schema: pa.Schema, made_by: str, columns: Sequence[str])
         raise UserError(f"{source} is damaged or not a parquet file; delete it and {mend}.") from error
 
 
-def pair_rows(table: pd.DataFrame, second: str) -> pd.DataFrame:
-    """Return the rows of one pair, from a table of grasps or trials of all pairs that begin with one object."""
-    return table[table["object1"] == second].reset_index(drop=True)
+def rows_of(table: pd.DataFrame, objects: Sequence[str]) -> pd.DataFrame:
+    """Return the rows of ``MERGED`` or ``TRIALS`` that are about these objects, picked in this order."""
+    own = [tuple(names) == tuple(objects) for names in table["objects"]]
+    return table[np.array(own, dtype=bool)].reset_index(drop=True)
 
 
 def check_size(source: Path | BinaryIO) -> None:

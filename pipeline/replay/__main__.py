@@ -12,10 +12,13 @@ from __future__ import annotations
 import argparse
 import re
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pipeline.hand.model import load_hand
 from pipeline.records.parameters import read_parameters
+from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.replay.recording import About, Recorder, Recording, read_recording, write_recording
 from pipeline.replay.rerun import EXAMPLE, TrialName, differences, drawn_trials, known_trials, run_again, trial_name
 from pipeline.replay.video import FORMATS, RENDERERS, Film, write_video
@@ -42,13 +45,13 @@ class Showing:
 
 def recording_file(name: TrialName) -> Path:
     """Where the recording of a trial is written."""
-    return RECORDINGS / f"{name.source}-{name.first}-{name.second}-{name.number}.parquet"
+    return RECORDINGS / f"{'-'.join([name.source, *name.objects])}-{name.number}.parquet"
 
 
 def replay(name: TrialName) -> tuple[Recording, int]:
     """Run one trial, say how it went, record it; return the recording and the exit code."""
     recorder = Recorder()
-    inputs, row, differing = run_again(name, recorder)
+    inputs, row, differing = run_again(name, load_hand(ALLEGRO), recorder)
     outcome = "success" if row["success"] else f"failed: {row['reason']}"
     told = "the same outcome, to the last bit, as in" if not differing else "ANOTHER outcome than in"
     print(f"{name}: {told} {name.table} ({outcome}, {row['steps']} steps of physics)")
@@ -57,7 +60,7 @@ def replay(name: TrialName) -> tuple[Recording, int]:
             f"columns that differ: {', '.join(differing)}; `dvc status {name.stage}` says what has changed since the "
             "table was made"
         )
-    objects = (inputs.objects[0].name, inputs.objects[1].name)
+    objects = tuple(item.name for item in inputs.objects)
     shown = outcome if not differing else f"{outcome} (the table tells another outcome)"
     recording = recorder.recording(About(str(name), objects, shown, inputs.settings.sponge_height))
     target = recording_file(name)
@@ -72,7 +75,7 @@ def check(count: int, draw: int) -> int:
 
     known = known_trials()
     chosen = drawn_trials(known, count, draw)
-    found = fan_out(differences, chosen, read_parameters().compute.workers, "trials again")
+    found = fan_out(partial(differences, load_hand(ALLEGRO)), chosen, read_parameters().compute.workers, "trials again")
     for name, differing in zip(chosen, found, strict=True):
         print(f"{name}: {'differs in ' + ', '.join(differing) if differing else 'same'}")
     wrong = sum(bool(differing) for differing in found)
@@ -84,14 +87,16 @@ def check(count: int, draw: int) -> int:
 
 def show(recording: Recording, how: Showing) -> None:
     """Write the video, or play in a browser."""
+    hand = load_hand(ALLEGRO)
     if how.video:
-        count, renderer = write_video(how.video, recording, how.film, how.renderer, read_parameters().compute.workers)
+        workers = read_parameters().compute.workers
+        count, renderer = write_video(how.video, recording, hand, how.film, how.renderer, workers)
         by = "SAPIEN" if renderer == "sapien" else "ray casting"
         print(f"{how.video}: {count} pictures, {how.film.rate:g} per second, drawn by {by}")
     if how.view:
         from pipeline.replay.viewer import Viewer
 
-        viewer = Viewer(recording, how.host, how.port)
+        viewer = Viewer(recording, hand, how.host, how.port)
         print(f"{viewer.address} plays it (Ctrl-C ends it)", flush=True)
         viewer.run()
 

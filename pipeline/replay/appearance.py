@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.hand.model import Hand
 from pipeline.pictures.colours import OBJECT_COLOURS, SPONGE_COLOUR
 from pipeline.pictures.decimation import decimated
 from pipeline.pictures.render import Body, corner_normals
@@ -26,7 +27,7 @@ class Appearance:
     """Meshes of everything; the moving ones in their own frames."""
 
     robot: tuple[Body, ...]  # in the order of ``pictures.robot.robot_bodies``
-    objects: tuple[Body, Body]
+    objects: tuple[Body, ...]
     sponge: Body
     table: Body
 
@@ -36,7 +37,7 @@ class Appearance:
         return (*self.robot, *self.objects)
 
 
-def appearance(recording: Recording) -> Appearance:
+def appearance(recording: Recording, hand: Hand) -> Appearance:
     """Return the meshes of what a recording shows.
 
     Raises:
@@ -45,22 +46,19 @@ def appearance(recording: Recording) -> Appearance:
     from pipeline.records.objects import load_prepared_object
 
     prepared = [load_prepared_object(name) for name in recording.about.objects]
-    first, second = (
-        _light(Body(item.vertices, item.faces, colour), LARGEST_OBJECT)
-        for item, colour in zip(prepared, OBJECT_COLOURS, strict=False)
-    )
+    looks = zip(prepared, OBJECT_COLOURS, strict=False)  # there are colours for the most objects that a hand can hold
     height = recording.about.sponge_height
     return Appearance(
-        robot=tuple(_light(body.placed(np.eye(4)), LARGEST_PART) for body in robot_bodies(recording.robot_q[0])),
-        objects=(first, second),
+        robot=tuple(_light(body.placed(np.eye(4)), LARGEST_PART) for body in robot_bodies(recording.robot_q[0], hand)),
+        objects=tuple(_light(Body(item.vertices, item.faces, colour), LARGEST_OBJECT) for item, colour in looks),
         sponge=_box((SPONGE_SIZE, SPONGE_SIZE, height), (SPONGE_X, 0.0, height / 2), SPONGE_COLOUR),
         table=_box(TABLE_SIZE, (TABLE_X, 0.0, -TABLE_SIZE[2] / 2), TABLE_COLOUR),
     )
 
 
-def moving_poses(recording: Recording, moment: int) -> list[NDArray[np.float64]]:
+def moving_poses(recording: Recording, hand: Hand, moment: int) -> list[NDArray[np.float64]]:
     """Return ``T_world`` (4, 4) of all that moves; an object that physics has lost stays where it was last seen."""
-    robot = [body.T_world for body in robot_bodies(recording.robot_q[moment])]
+    robot = [body.T_world for body in robot_bodies(recording.robot_q[moment], hand)]
     return [*robot, *(_last_known(poses[: moment + 1]) for poses in recording.poses)]
 
 

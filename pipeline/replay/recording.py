@@ -28,9 +28,8 @@ MOMENTS = pa.schema(
     [
         ("time", _NUMBERS),  # s of simulation since the trial began
         ("phase", pa.string()),  # being carried out
-        ("robot_q", pa.list_(_NUMBERS, 23)),  # rad, 7 arm joints, then the hand's 16
-        ("pose0", pa.list_(_NUMBERS, 7)),  # m, position and quaternion wxyz of object 0 in the world
-        ("pose1", pa.list_(_NUMBERS, 7)),
+        ("robot_q", pa.list_(_NUMBERS)),  # rad, the arm's joints, then the hand's
+        ("poses", pa.list_(pa.list_(_NUMBERS, 7))),  # m, position and quaternion wxyz of each object in the world
     ]
 )
 _ABOUT = b"trial"  # key of the file's metadata
@@ -41,7 +40,7 @@ class About:
     """What was recorded."""
 
     name: str  # of the trial, such as synthesized/cube/soup_can/3
-    objects: tuple[str, str]
+    objects: tuple[str, ...]  # in the order of picking
     outcome: str  # success, or the reason of the failure
     sponge_height: float  # m
 
@@ -53,36 +52,36 @@ class Recording:
     about: About
     time: NDArray[np.float64]  # (n,) s
     phase: list[str]
-    robot_q: NDArray[np.float64]  # (n, 23) rad
-    poses: NDArray[np.float64]  # (2, n, 7) position (m) and quaternion wxyz of the objects in the world
+    robot_q: NDArray[np.float64]  # (n, R) rad
+    poses: NDArray[np.float64]  # (objects, n, 7) position (m) and quaternion wxyz of the objects in the world
 
 
 @dataclass
 class Recorder:
     """Writes down every moment of the run that it watches."""
 
-    moments: list[tuple[float, str, Any, Any, Any]] = field(default_factory=list)
+    moments: list[tuple[float, str, Any, list[Any]]] = field(default_factory=list)
 
     def __call__(self, run: Run) -> None:
         """Write down one moment."""
         time = run.steps / run.scene.world.frequency
-        pose0, pose1 = (_pose(body.pose) for body in run.scene.objects)
-        self.moments.append((time, run.under_way, run.scene.robot.q, pose0, pose1))
+        poses = [_pose(body.pose) for body in run.scene.objects]
+        self.moments.append((time, run.under_way, run.scene.robot.q, poses))
 
     def recording(self, about: About) -> Recording:
         """Return what was seen."""
-        time, phase, robot_q, pose0, pose1 = zip(*self.moments, strict=True) if self.moments else ([],) * 5
+        time, phase, robot_q, poses = zip(*self.moments, strict=True) if self.moments else ([],) * 4
         return Recording(
             about,
             np.array(time, np.float64),
             list(phase),
-            np.array(robot_q, np.float64).reshape(-1, 23),
-            np.array([pose0, pose1], np.float64).reshape(2, -1, 7),
+            np.array(robot_q, np.float64).reshape(len(time), -1),
+            np.array(poses, np.float64).reshape(len(time), len(about.objects), 7).swapaxes(0, 1),
         )
 
 
 def _pose(T: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Position and quaternion (7,), as in ``snapshot_pose0`` of a trial; no numbers where physics has lost the body."""
+    """Position and quaternion (7,), as in ``snapshot_poses`` of a trial; no numbers where physics has lost the body."""
     return np.concatenate(position_quaternion(T)) if np.isfinite(T).all() else np.full(7, np.nan)
 
 
@@ -95,12 +94,11 @@ def write_recording(target: Path, recording: Recording) -> None:
     about = recording.about
     text = {
         "name": about.name,
-        "object0": about.objects[0],
-        "object1": about.objects[1],
+        "objects": list(about.objects),
         "outcome": about.outcome,
         "sponge_height": about.sponge_height,
     }
-    columns = [recording.time, recording.phase, recording.robot_q, *recording.poses]
+    columns = [recording.time, recording.phase, recording.robot_q, recording.poses.swapaxes(0, 1).tolist()]
     arrays = [pa.array(list(column), type=kind) for column, kind in zip(columns, MOMENTS.types, strict=True)]
     schema = MOMENTS.with_metadata({_ABOUT: json.dumps(text, sort_keys=True)})
     with whole_file(target) as temporary:
@@ -120,9 +118,7 @@ def read_recording(source: Path) -> Recording:
         check_size(source)
         table = pq.read_table(source)
         about = parse_json((table.schema.metadata or {})[_ABOUT])
-        known = About(
-            about["name"], (about["object0"], about["object1"]), about["outcome"], float(about["sponge_height"])
-        )
+        known = About(about["name"], tuple(about["objects"]), about["outcome"], float(about["sponge_height"]))
     except (pa.ArrowException, OSError, KeyError, ValueError, TypeError) as error:
         raise UserError(f"{source} is damaged or no recording of a trial; {mend}.") from error
     if not table.schema.equals(MOMENTS) or not table.num_rows:
@@ -133,5 +129,5 @@ def read_recording(source: Path) -> Recording:
         np.array(values["time"], np.float64),
         values["phase"],
         np.array(values["robot_q"], np.float64),
-        np.array([values["pose0"], values["pose1"]], np.float64),
+        np.array(values["poses"], np.float64).swapaxes(0, 1),
     )

@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 
 from pipeline.evaluate.execution import Run
-from pipeline.evaluate.inputs import inputs_of_pair, pairs_of, sections
+from pipeline.evaluate.inputs import inputs_of, sections, sequences_of
 from pipeline.evaluate.scene import placement_offsets
 from pipeline.evaluate.trial import TrialInput, run_trial
+from pipeline.hand.model import Hand
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters
 from pipeline.records.sources import SOURCES
-from pipeline.records.tables import TRIALS, pair_rows, read_table
+from pipeline.records.tables import TRIALS, read_table, rows_of
 from pipeline.stages.seeds import item_generator
 
 EXAMPLE = "synthesized/cube/soup_can/3"
@@ -25,20 +26,24 @@ EXAMPLE = "synthesized/cube/soup_can/3"
 
 @dataclass(frozen=True, order=True)
 class TrialName:
-    """What names one row of the tables of trials; written ``source/first/second/number``."""
+    """What names one row of the tables of trials; written ``source/first/second/number``, with all its objects."""
 
     source: str
-    first: str
-    second: str
+    objects: tuple[str, ...]  # in the order of picking
     number: int
 
     def __str__(self) -> str:
-        return f"{self.source}/{self.first}/{self.second}/{self.number}"
+        return "/".join([self.source, *self.objects, str(self.number)])
+
+    @property
+    def told(self) -> str:
+        """The objects in a sentence."""
+        return " and ".join(self.objects)
 
     @property
     def table(self) -> Path:
         """The file that holds the row."""
-        return paths.trials_file(self.source, self.first)
+        return paths.trials_file(self.source, self.objects[0])
 
     @property
     def stage(self) -> str:
@@ -52,14 +57,14 @@ def trial_name(text: str) -> TrialName:
     Raises:
         UserError: the text names no trial.
     """
-    parts = text.split("/")
-    if len(parts) != 4 or not parts[3].isdecimal():
+    source, *objects, number = text.split("/") if "/" in text else (text, "")
+    if len(objects) < 2 or not number.isdecimal():
         raise UserError(
-            f"{text!r} names no trial; write source, both objects and the trial's number, such as {EXAMPLE}."
+            f"{text!r} names no trial; write source, all objects and the trial's number, such as {EXAMPLE}."
         )
-    if parts[0] not in SOURCES:
-        raise UserError(f"{text!r}: there is no source {parts[0]!r}; use one of {', '.join(sorted(SOURCES))}.")
-    return TrialName(parts[0], parts[1], parts[2], int(parts[3]))
+    if source not in SOURCES:
+        raise UserError(f"{text!r}: there is no source {source!r}; use one of {', '.join(sorted(SOURCES))}.")
+    return TrialName(source, tuple(objects), int(number))
 
 
 def recorded_row(name: TrialName) -> dict[str, Any]:
@@ -69,30 +74,28 @@ def recorded_row(name: TrialName) -> dict[str, Any]:
         UserError: the table is missing or damaged, or has no such row.
     """
     rows = read_table(name.table, TRIALS, name.stage)
-    pair = pair_rows(rows, name.second)
-    if pair.empty:
-        known = ", ".join(dict.fromkeys(rows["object1"]))
-        raise UserError(
-            f"{name.table} has no trials of {name.first} and {name.second}; its second objects are {known}."
-        )
-    own = pair[pair["trial"] == name.number]
+    same = rows_of(rows, name.objects)
+    if same.empty:
+        known = ", ".join(dict.fromkeys("/".join(list(objects)[1:]) for objects in rows["objects"]))
+        raise UserError(f"{name.table} has no trials of {name.told}; its second objects are {known}.")
+    own = same[same["trial"] == name.number]
     if own.empty:
-        numbers = f"{pair['trial'].min()} to {pair['trial'].max()}"
+        numbers = f"{same['trial'].min()} to {same['trial'].max()}"
         raise UserError(f"{name.table} has no trial {name.number} of this pair; its trials are {numbers}.")
     return {str(column): value for column, value in own.iloc[0].items()}
 
 
-def input_of_trial(name: TrialName, recorded: Mapping[str, Any]) -> TrialInput:
+def input_of_trial(name: TrialName, recorded: Mapping[str, Any], hand: Hand) -> TrialInput:
     """Return what the trial depends on, made as the stage makes it, from params.yaml and the tables of grasps.
 
     Raises:
         UserError: an input is missing, or is seen to be another than that of the row.
     """
     parameters = load_parameters(sections(name.source))
-    if name.second not in pairs_of(name.source, parameters).get(name.first, ()):
-        raise UserError(f"params.yaml does not name the pair {name.first} and {name.second} any more; add it again.")
+    if name.objects not in sequences_of(name.source, parameters):
+        raise UserError(f"params.yaml does not name the pair {name.told} any more; add it again.")
     again = f"undo the change, or run `dvc repro {name.stage}` for a new table"
-    inputs = inputs_of_pair(name.source, name.first, name.second, parameters)
+    inputs = inputs_of(name.source, name.objects, parameters, hand)
     if name.number >= len(inputs):
         raise UserError(
             f"{name.table} has trial {name.number}, but evaluate.trials in params.yaml is {len(inputs)} now; {again}."
@@ -103,8 +106,8 @@ def input_of_trial(name: TrialName, recorded: Mapping[str, Any]) -> TrialInput:
             f"{name.table} was made with another `seed` in params.yaml (this trial: {recorded['seed']}, now "
             f"{own.seed}); {again}."
         )
-    offsets = placement_offsets(own.settings, np.random.Generator(np.random.PCG64(own.seed)))
-    if any(not np.array_equal(offset, recorded[f"offset{index}"]) for index, offset in enumerate(offsets)):
+    offsets = placement_offsets(len(own.picks), own.settings, np.random.Generator(np.random.PCG64(own.seed)))
+    if not np.array_equal(offsets, np.stack(recorded["offsets"])):
         raise UserError(
             f"{name.table} was made with another evaluate.perturbation or evaluate.yaw_perturbation in params.yaml;"
             f" {again}."
@@ -119,7 +122,7 @@ def input_of_trial(name: TrialName, recorded: Mapping[str, Any]) -> TrialInput:
 
 
 def run_again(
-    name: TrialName, watch: Callable[[Run], None] | None = None
+    name: TrialName, hand: Hand, watch: Callable[[Run], None] | None = None
 ) -> tuple[TrialInput, dict[str, Any], list[str]]:
     """Run a trial alone; return its inputs, its row, and the columns in which it differs from the recorded row.
 
@@ -127,14 +130,14 @@ def run_again(
         UserError: see :func:`recorded_row` and :func:`input_of_trial`.
     """
     recorded = recorded_row(name)
-    inputs = input_of_trial(name, recorded)
+    inputs = input_of_trial(name, recorded, hand)
     row = run_trial(inputs, watch)
     return inputs, row, differing_columns(recorded, row)
 
 
-def differences(name: TrialName) -> list[str]:
+def differences(hand: Hand, name: TrialName) -> list[str]:
     """Run a trial alone and return the columns in which it differs from its row."""
-    return run_again(name)[2]
+    return run_again(name, hand)[2]
 
 
 def differing_columns(recorded: Mapping[str, Any], row: Mapping[str, Any]) -> list[str]:
@@ -166,8 +169,8 @@ def known_trials() -> list[TrialName]:
         for file in sorted(paths.trials_file(source, "x").parent.glob("*.parquet")):
             rows = read_table(file, TRIALS, f"evaluate@{source}")
             found += [
-                TrialName(source, first, second, int(number))
-                for first, second, number in zip(rows["object0"], rows["object1"], rows["trial"], strict=True)
+                TrialName(source, tuple(objects), int(number))
+                for objects, number in zip(rows["objects"], rows["trial"], strict=True)
             ]
     if not found:
         raise UserError("there are no tables of trials under data/evaluate; run `dvc repro` to make them.")

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pipeline.compute.fan_out import fan_out
 from pipeline.compute.progress import watched
 from pipeline.compute.shared import Shared
+from pipeline.hand.model import Hand
 from pipeline.pictures.picture import CAPTION_HEIGHT, TEXT_SIZE, captioned
 from pipeline.records.errors import UserError
 from pipeline.records.writing import check_writable, whole_file
@@ -58,7 +59,9 @@ def drawn_moments(recording: Recording, shown: NDArray[np.int64]) -> NDArray[np.
     return np.array(serving, np.int64)
 
 
-def write_video(target: Path, recording: Recording, film: Film, renderer: str, workers: int) -> tuple[int, str]:
+def write_video(
+    target: Path, recording: Recording, hand: Hand, film: Film, renderer: str, workers: int
+) -> tuple[int, str]:
     """Write a video; return the number of its pictures, and what drew them.
 
     Args:
@@ -72,11 +75,11 @@ def write_video(target: Path, recording: Recording, film: Film, renderer: str, w
     check_writable(target)
     shown = shown_moments(recording.time, film.rate)
     serving = drawn_moments(recording, shown)
-    looks = appearance(recording)
+    looks = appearance(recording, hand)
     distinct = list(dict.fromkeys(serving.tolist()))
     chosen = _choose(renderer)
     draw = _draw_with_sapien if chosen == "sapien" else _draw_with_rays
-    drawn = draw(looks, [moving_poses(recording, moment) for moment in distinct], film, workers)
+    drawn = draw(looks, [moving_poses(recording, hand, moment) for moment in distinct], film, workers)
     pictures = dict(zip(distinct, drawn, strict=True))
     frames = [
         (pictures[served], f"{recording.time[moment]:5.2f} s   {recording.phase[moment]}")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.hand.model import Hand
 from pipeline.pictures.render import Body, corner_normals
 from pipeline.pictures.serving import check_host, start_server
 from pipeline.records.poses import position_quaternion
@@ -24,15 +25,15 @@ PLAY, PAUSE = "Play", "Pause"
 class Viewer:
     """Serves one recording until it is closed."""
 
-    def __init__(self, recording: Recording, host: str, port: int) -> None:
+    def __init__(self, recording: Recording, hand: Hand, host: str, port: int) -> None:
         """Begin to serve ``recording`` on the first free port from ``port`` on.
 
         Raises:
             UserError: nothing can be served there, or an object's mesh is missing.
         """
         check_host(host)
-        looks = appearance(recording)
-        self.recording = recording
+        looks = appearance(recording, hand)
+        self.recording, self.hand = recording, hand
         self.playing = True
         self.one_at_a_time = threading.RLock()  # the page speaks in threads of its own
         self.server = start_server(host, port, recording.about.name)
@@ -92,7 +93,7 @@ class Viewer:
         time_ = self.recording.time
         moment = int(np.clip(np.searchsorted(time_, seconds + 1e-9, side="right") - 1, 0, len(time_) - 1))
         with self.one_at_a_time, self.server.atomic():
-            for handle, T in zip(self.handles, moving_poses(self.recording, moment), strict=True):
+            for handle, T in zip(self.handles, moving_poses(self.recording, self.hand, moment), strict=True):
                 _place(handle, T)
             self.phase.value = self.recording.phase[moment]
             self.slider.value = float(seconds)

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from pipeline.compute.fan_out import fan_out
 from pipeline.records import paths
+from pipeline.records.flat import PAIR_GRASPS, PAIR_TRIALS, read_flat_columns
 from pipeline.records.parameters.objects import StylesParameters
 from pipeline.records.sources import SOURCES
-from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED, read_columns
+from pipeline.records.tables import CANDIDATES, VALIDATED, read_columns
 from pipeline.report.rates import (
     MOST_PAIRS,
     OUTCOMES,
@@ -141,12 +142,12 @@ def firsts_of(partners: Mapping[str, Sequence[str]], reconstructed: Mapping[str,
 
 def grasps_of(source: str, first: str) -> tuple[Path, pa.Schema, str]:
     """Return the table of a source's two-object grasps that begin with ``first``: file, columns, stage."""
-    return SOURCES[source].table(first), MERGED, SOURCES[source].stage
+    return SOURCES[source].table(first), PAIR_GRASPS, SOURCES[source].stage
 
 
 def trials_of(source: str, first: str) -> tuple[Path, pa.Schema, str]:
     """Return the table of a source's trials that begin with ``first``: file, columns, stage."""
-    return paths.trials_file(source, first), TRIALS, f"evaluate@{source}"
+    return paths.trials_file(source, first), PAIR_TRIALS, f"evaluate@{source}"
 
 
 def count_single(item: Single) -> Funnel:
@@ -169,8 +170,8 @@ def count_first(item: First) -> list[PairCounts]:
     Raises:
         UserError: a table is missing or damaged.
     """
-    grasps = read_columns(*grasps_of(item.source, item.first), GRASP_COLUMNS)
-    trials = read_columns(*trials_of(item.source, item.first), OUTCOMES)
+    grasps = read_flat_columns(*grasps_of(item.source, item.first), GRASP_COLUMNS)
+    trials = read_flat_columns(*trials_of(item.source, item.first), OUTCOMES)
     return [pair_counts(item.source, item.first, second, grasps, trials) for second in item.seconds]
 
 

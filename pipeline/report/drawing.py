@@ -20,10 +20,10 @@ from pipeline.pictures.decimation import Mesh, decimated
 from pipeline.pictures.render import Body, corner_normals, render
 from pipeline.pictures.robot import hand_bodies
 from pipeline.pictures.table_scene import moment_picture
+from pipeline.records.flat import read_flat
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.report import ReportParameters
 from pipeline.records.poses import pose_matrix
-from pipeline.records.tables import read_table
 from pipeline.report.chosen_trials import choose_trials, chosen_moments
 from pipeline.report.counting import SYNTHESIZED, grasps_of, trials_of
 from pipeline.report.embedding import FoldedTable
@@ -122,8 +122,8 @@ def draw_pairs(requests: Sequence[Request], hand: Hand, workers: int) -> list[Dr
 def read_and_draw(hand: Hand, request: Request) -> Drawn:
     """Read what a request needs and draw it; a run of many pairs does not fit into memory at once."""
     sources = dict.fromkeys([*request.listed, *(source for source, _ in request.strips)])
-    merged = read_table(*grasps_of(SYNTHESIZED, request.first)) if SYNTHESIZED in request.listed else pd.DataFrame()
-    trials = {source: read_table(*trials_of(source, request.first)) for source in sources}
+    merged = read_flat(*grasps_of(SYNTHESIZED, request.first)) if SYNTHESIZED in request.listed else pd.DataFrame()
+    trials = {source: read_flat(*trials_of(source, request.first)) for source in sources}
     return draw_pair(PairTask(request, hand, (read_mesh(request.first), read_mesh(request.second)), merged, trials))
 
 

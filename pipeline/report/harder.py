@@ -9,10 +9,10 @@ import pandas as pd
 from markupsafe import Markup
 
 from pipeline.records import paths
+from pipeline.records.flat import PAIR_TRIALS, read_flat
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.harder import HarderParameters, HarderSetting
 from pipeline.records.parameters.physics import PhysicsParameters
-from pipeline.records.tables import TRIALS, read_table
 from pipeline.report.charts import Cell, Link, Table, explanations, stacked_bars
 from pipeline.report.counting import trials_of
 from pipeline.report.meanings import TRIALS as REASONS
@@ -71,12 +71,13 @@ def load_harder(
     Raises:
         UserError: a table is missing or damaged.
     """
-    firsts = dict.fromkeys(first for first, _ in parameters.pairs)
+    pairs = [(first, second) for first, second in parameters.pairs]
+    firsts = dict.fromkeys(first for first, _ in pairs)
     found = []
     for name, setting in parameters.settings.items():
-        rows = read_table(paths.harder_file(name), TRIALS, "evaluate-harder")
-        standard = pd.concat([read_table(*trials_of(setting.source, first)) for first in firsts])
-        found.append(compared(name, setting, rows, standard, parameters.pairs, changes_of(setting, evaluate, physics)))
+        rows = read_flat(paths.harder_file(name), PAIR_TRIALS, "evaluate-harder")
+        standard = pd.concat([read_flat(*trials_of(setting.source, first)) for first in firsts])
+        found.append(compared(name, setting, rows, standard, pairs, changes_of(setting, evaluate, physics)))
     return found
 
 

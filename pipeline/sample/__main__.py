@@ -43,7 +43,7 @@ def sections(source: str = "learned") -> list[str]:
     """Return the sections of ``params.yaml`` that ``sample@<source>`` depends on."""
     synthesis = ["synthesize.energy", "synthesize.pinch", "synthesize.side"]
     pairs = ["reconstructed"] if source == paths.RECONSTRUCTED else ["styles", "pairs"]
-    return ["seed", *pairs, "train.sampling", *synthesis, "merge", "physics", "validate"]
+    return ["seed", *pairs, "picks", "train.sampling", *synthesis, "merge", "physics", "validate"]
 
 
 def sample(source: str, only: str) -> None:
@@ -67,7 +67,7 @@ def sample(source: str, only: str) -> None:
 
     hand = load_hand(ALLEGRO)
     checkpoint = _checkpoint(hand)
-    output = TablesWithFigures(paths.sampled_file(source, "").parent, MERGED, ("object1",))
+    output = TablesWithFigures(paths.sampled_file(source, "").parent, MERGED, ("objects",))
     stage = Stage(f"sample@{source}", "pairs", output)
 
     with Shared(Model(checkpoint)) as model:
@@ -77,7 +77,7 @@ def sample(source: str, only: str) -> None:
             seed = item_seed(parameters["seed"], "train", seen.identity, first, second) % 2**31
             objects = seen.objects(first, second)
             points = (objects[0].surface_points, objects[1].surface_points)
-            table, drawn, figures = yield from sampling(model, _task(parameters, hand, objects, points, seed))
+            table, drawn, figures = yield from sampling(model, _request(parameters, hand, objects, points, seed))
             if source != paths.RECONSTRUCTED:
                 figures |= _against_known(checkpoint, hand, (first, second), _merged(first, second), drawn)
             keep(key, (output.rows(table), figures))
@@ -124,13 +124,16 @@ class _Prepared:
 
     def objects(self, first: str, second: str) -> tuple[PreparedObject, PreparedObject]:
         """Return the objects of a pair."""
-        return _prepared(first), _prepared(second)
+        from pipeline.records.kept import kept_object
+
+        return kept_object(first), kept_object(second)
 
     def digest(self, first: str, second: str) -> str:
         """Return the digest of what the grasps of a pair depend on."""
-        from pipeline.records.tables import MERGED, arrow_table
+        from pipeline.records.flat import PAIR_GRASPS
+        from pipeline.records.tables import arrow_table
 
-        merged = arrow_table(_merged(first, second), MERGED)
+        merged = arrow_table(_merged(first, second), PAIR_GRASPS)
         return digest(prepared_digest(first), prepared_digest(second), merged)
 
 
@@ -157,13 +160,6 @@ class _Reconstructions:
 
 
 @lru_cache(maxsize=16)
-def _prepared(name: str) -> PreparedObject:
-    from pipeline.records.objects import load_prepared_object
-
-    return load_prepared_object(name)
-
-
-@lru_cache(maxsize=16)
 def _reconstructed(capture: str, name: str) -> PreparedObject:
     from pipeline.records.reconstructions import load_reconstructed_object
     from pipeline.shapes.solids import object_of_reconstruction
@@ -171,18 +167,12 @@ def _reconstructed(capture: str, name: str) -> PreparedObject:
     return object_of_reconstruction(load_reconstructed_object(capture, name))
 
 
-@lru_cache(maxsize=2)
-def _table(first: str) -> pd.DataFrame:
-    from pipeline.records.tables import MERGED, read_table
-
-    return read_table(paths.merged_file(first), MERGED, "merge")
-
-
 def _merged(first: str, second: str) -> pd.DataFrame:
-    """Return the merged grasps of a pair."""
-    from pipeline.records.tables import pair_rows
+    """Return the merged grasps of a pair, with a column per object."""
+    from pipeline.records.flat import PAIR_GRASPS, pair_rows
+    from pipeline.records.kept import kept_table
 
-    return pair_rows(_table(first), second)
+    return pair_rows(kept_table(paths.merged_file(first), PAIR_GRASPS, "merge"), second)
 
 
 def _against_known(
@@ -218,13 +208,13 @@ def _accepted(table: Any) -> Any:
     return table.loc[table["rejected_by"] == "", "merged_id"].to_numpy(dtype="int64")
 
 
-def _task(parameters: dict[str, Any], hand: Hand, objects: Any, points: Any, seed: int) -> Any:
-    from pipeline.pairing.combination import Pair
-    from pipeline.sample.proposals import Task
+def _request(parameters: dict[str, Any], hand: Hand, objects: Any, points: Any, seed: int) -> Any:
+    from pipeline.pairing.task import task_of
+    from pipeline.sample.proposals import SampleRequest
 
-    return Task(
-        pair=Pair(objects[0], objects[1], parameters["merge"], parameters["physics"], parameters["validate"]),
-        hand=hand,
+    checks = (parameters[name] for name in ("merge", "physics", "validate"))
+    return SampleRequest(
+        pair=task_of(hand, parameters["picks"], objects, *checks),
         points=points,
         settings=parameters["train.sampling"],
         energy=parameters["synthesize.energy"],
@@ -245,7 +235,8 @@ def sample_own(sources: tuple[Path, Path], count: int, output: Path) -> None:
 
     from pipeline.energy.scene import compile_kernels
     from pipeline.hand.model import load_hand
-    from pipeline.records.tables import MERGED, write_table
+    from pipeline.records.flat import PAIR_GRASPS, flat
+    from pipeline.records.tables import MERGED, arrow_table, write_arrow
     from pipeline.records.writing import whole_file, write_json
     from pipeline.sample.own_objects import load_own_object
     from pipeline.sample.proposals import check_grasps, draw_grasps, in_frames_of_files, pair_energy
@@ -258,13 +249,13 @@ def sample_own(sources: tuple[Path, Path], count: int, output: Path) -> None:
     settings = parameters["train.sampling"]
     enough = {"grasps": count, "draws": max(settings.draws, 2 * count)}
     parameters["train.sampling"] = settings.model_copy(update=enough)
-    task = _task(parameters, hand, (first, second), (points0, points1), parameters["seed"])
-    energy = pair_energy(task)
+    request = _request(parameters, hand, (first, second), (points0, points1), parameters["seed"])
+    energy = pair_energy(request)
     compile_kernels()
     begin = perf_counter()
-    drawn = draw_grasps(checkpoint, model, task, energy)
+    drawn = draw_grasps(checkpoint, model, request, energy)
     ranked = perf_counter()
-    table = check_grasps(task, drawn, workers)
+    table = check_grasps(request, drawn, workers)
     accepted = table[table["rejected_by"] == ""]
     print(
         f"{enough['draws']} samples drawn and ranked in {ranked - begin:.1f} s; {len(accepted)} accepted of "
@@ -275,19 +266,13 @@ def sample_own(sources: tuple[Path, Path], count: int, output: Path) -> None:
             f"none of {len(table)} samples passed the checks (first: {table['rejected_by'].iloc[0]}); try a larger -n, "
             "or `train.sampling.check: false` in params.yaml to see them all the same."
         )
-    rows = accepted.to_dict("records")
+    rows = flat(arrow_table(accepted, MERGED), PAIR_GRASPS).to_pylist()
     with whole_file(output / "grasps.html") as temporary:
         temporary.write_text(grasp_page(rows, (first, second), hand), encoding="utf-8")
-    own_frames = in_frames_of_files(accepted, centre0, centre1)
-    write_table(output / "grasps.parquet", own_frames, MERGED)
-    own = [{name: plain(value) for name, value in row.items()} for row in own_frames.to_dict("records")]
-    write_json(output / "grasps.json", own)
+    own_frames = arrow_table(in_frames_of_files(accepted, (centre0, centre1)), MERGED)
+    write_arrow(output / "grasps.parquet", own_frames)
+    write_json(output / "grasps.json", flat(own_frames, PAIR_GRASPS).to_pylist())
     print(f"wrote grasps.parquet, grasps.json and grasps.html to {output}")
-
-
-def plain(value: Any) -> Any:
-    """Return a cell of a table as JSON knows it."""
-    return value.tolist() if hasattr(value, "tolist") else value
 
 
 @command("sample")

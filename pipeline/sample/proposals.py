@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -16,8 +17,9 @@ from pipeline.compute.shared import Shared
 from pipeline.hand.model import Hand
 from pipeline.model.checkpoint import Checkpoint
 from pipeline.model.network import GraspModel
-from pipeline.pairing.combination import Pair, try_combination
-from pipeline.pairing.readiness import ready_first, settling_physics
+from pipeline.pairing.combination import check_combination
+from pipeline.pairing.readiness import ready
+from pipeline.pairing.task import Task
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
 from pipeline.records.parameters.train import SamplingParameters
 from pipeline.records.poses import pose_matrix
@@ -32,11 +34,10 @@ SPARE = 4  # samples tried at once beyond those still wanted
 
 
 @dataclass(frozen=True)
-class Task:
+class SampleRequest:
     """Everything that proposals for one pair depend on, besides the model."""
 
-    pair: Pair
-    hand: Hand
+    pair: Task  # two objects
     points: tuple[NDArray[np.float64], NDArray[np.float64]]  # what the model sees of the objects, object frames, m
     settings: SamplingParameters
     energy: EnergyParameters
@@ -53,40 +54,47 @@ class Drawn:
     joint_violation: NDArray[np.float64]  # (B,) largest per sample, rad, before joints were clamped; of ``raw``
 
 
-def pair_energy(task: Task) -> PairEnergy:
-    """Return the energy of the task's pair."""
-    objects = task.pair.object0, task.pair.object1
-    return PairEnergy(objects, task.energy, task.styles, task.pair.merge.clearance, task.hand)
+def pair_energy(request: SampleRequest) -> PairEnergy:
+    """Return the energy of the request's pair."""
+    first, second = request.pair.objects
+    return PairEnergy((first, second), request.energy, request.styles, request.pair.merge.clearance, request.pair.hand)
 
 
-def draw_grasps(checkpoint: Checkpoint, model: GraspModel, task: Task, energy: PairEnergy) -> Drawn:
+def draw_grasps(checkpoint: Checkpoint, model: GraspModel, request: SampleRequest, energy: PairEnergy) -> Drawn:
     """Sample, refine and rank grasps of one pair."""
-    settings = task.settings
+    settings = request.settings
     grasps, violation = sample_grasps(
-        checkpoint, model, task.hand, task.points, settings.draws, settings.sampler, settings.steps, task.seed
+        checkpoint,
+        model,
+        request.pair.hand,
+        request.points,
+        settings.draws,
+        settings.sampler,
+        settings.steps,
+        request.seed,
     )
-    rng = np.random.default_rng(task.seed)
+    rng = np.random.default_rng(request.seed)
     raw = refine(energy, grasps, 0, settings.refine_step, rng)
     scored = refine(energy, grasps, settings.refine_iterations, settings.refine_step, rng)
     ranked = scored.chosen(np.argsort(scored.energy, kind="stable")) if settings.rank else scored
     return Drawn(raw, ranked, violation.max(1))
 
 
-def check_grasps(task: Task, drawn: Drawn, workers: Workers) -> pd.DataFrame:
+def check_grasps(request: SampleRequest, drawn: Drawn, workers: Workers) -> pd.DataFrame:
     """Return the table ``MERGED`` of one pair: samples in their order until enough are accepted, each with its outcome.
 
-    ``grasp0_id`` and ``grasp1_id`` are the place of the sample in that order, and so is ``merged_id``.
+    Both ``grasp_ids`` are the place of the sample in that order, and so is ``merged_id``.
     """
-    return run_one(checking(task, drawn), workers, f"{task.pair.object0.name}--{task.pair.object1.name}")
+    return run_one(checking(request, drawn), workers, "--".join(item.name for item in request.pair.objects))
 
 
-def checking(task: Task, drawn: Drawn) -> Work[pd.DataFrame]:
+def checking(request: SampleRequest, drawn: Drawn) -> Work[pd.DataFrame]:
     """Compute what :func:`check_grasps` returns, some samples at once."""
-    settings = task.settings
-    pair = checked_pair(task.pair, settings)
+    settings = request.settings
+    pair = checked_pair(request.pair, settings)
     rows: list[dict[str, Any]] = []
     accepted = 0
-    with Shared((pair, task.hand, drawn.ranked)) as shared:
+    with Shared((pair, drawn.ranked)) as shared:
         while accepted < settings.grasps and len(rows) < settings.draws:
             count = min(CHUNK, settings.grasps - accepted + SPARE, settings.draws - len(rows))
             done = accepted / settings.grasps
@@ -110,11 +118,11 @@ class Model:
         return self.checkpoint.model()
 
 
-def sampling(model: Shared[Model], task: Task) -> Work[tuple[pd.DataFrame, Drawn, dict[str, Any]]]:
+def sampling(model: Shared[Model], request: SampleRequest) -> Work[tuple[pd.DataFrame, Drawn, dict[str, Any]]]:
     """Return the table of checked grasps of a pair, what was drawn, and figures on both."""
-    with Shared(task) as shared:
+    with Shared(request) as shared:
         ((drawn, raw),) = yield Calls(partial(_draw, model, shared), [None], 0.0, 0.1)
-        table = yield from checking(task, drawn)
+        table = yield from checking(request, drawn)
         accepted = table.loc[table["rejected_by"] == "", "merged_id"].to_numpy(dtype="int64")
         (ranked,) = yield Calls(partial(_quality, shared), [drawn.ranked.chosen(accepted)], 0.9)
     figures = {
@@ -126,18 +134,18 @@ def sampling(model: Shared[Model], task: Task) -> Work[tuple[pd.DataFrame, Drawn
     return table, drawn, figures
 
 
-def _draw(model: Shared[Model], shared: Shared[Task], _: None) -> tuple[Drawn, dict[str, float]]:
+def _draw(model: Shared[Model], shared: Shared[SampleRequest], _: None) -> tuple[Drawn, dict[str, float]]:
     """Return what the model draws for a pair, and figures of it as it came from the model."""
     energy = pair_energy(shared.value)
     drawn = draw_grasps(model.value.checkpoint, model.value.network, shared.value, energy)
-    return drawn, quality(energy, drawn.raw)
+    return drawn, quality(shared.value.pair.hand, energy, drawn.raw)
 
 
-def _quality(shared: Shared[Task], scored: Scored) -> dict[str, float]:
-    return quality(pair_energy(shared.value), scored)
+def _quality(shared: Shared[SampleRequest], scored: Scored) -> dict[str, float]:
+    return quality(shared.value.pair.hand, pair_energy(shared.value), scored)
 
 
-def checked_pair(pair: Pair, settings: SamplingParameters) -> Pair:
+def checked_pair(pair: Task, settings: SamplingParameters) -> Task:
     """Return the pair with the limits of ``merge``, or ones that nothing exceeds where checks are switched off."""
     changes: dict[str, Any] = {"physics_test": settings.physics and pair.merge.physics_test}
     if not settings.check:
@@ -145,26 +153,32 @@ def checked_pair(pair: Pair, settings: SamplingParameters) -> Pair:
     return replace(pair, merge=pair.merge.model_copy(update=changes))
 
 
-def _check(shared: Shared[tuple[Pair, Hand, Scored]], index: int) -> dict[str, Any]:
+def _check(shared: Shared[tuple[Task, Scored]], index: int) -> dict[str, Any]:
     return check_sample(*shared.value, index)
 
 
-def check_sample(pair: Pair, hand: Hand, scored: Scored, index: int) -> dict[str, Any]:
+def check_sample(pair: Task, scored: Scored, index: int) -> dict[str, Any]:
     """Return the row of one sample, all columns of ``MERGED`` but ``merged_id``; ``pair`` of :func:`checked_pair`."""
-    objects, grasps = (pair.object0, pair.object1), scored.grasps
-    first, second = single_grasps(
-        hand, objects, grasps.T_hand_object[index], grasps.q[index], scored.contacts, index, pair.validate
+    first, second = pair.objects
+    grasps = scored.grasps
+    singles = single_grasps(
+        pair.hand,
+        (first, second),
+        grasps.T_hand_object[index],
+        grasps.q[index],
+        scored.contacts,
+        index,
+        pair.validate,
     )
-    ready = ready_first(pair.object0, settling_physics(pair.merge, pair.physics, pair.validate), first)
-    return try_combination(pair, ready, second)
+    return check_combination(pair, [ready(pair, number, single) for number, single in enumerate(singles)])
 
 
-def quality(energy: PairEnergy, scored: Scored) -> dict[str, float]:
+def quality(hand: Hand, energy: PairEnergy, scored: Scored) -> dict[str, float]:
     """Return figures of samples without physics, mm: overlap of hand and objects, distance of contacts.
 
     Medians over samples; of the overlap of the objects the largest.
     """
-    hand, grasps = energy.hand, scored.grasps
+    grasps = scored.grasps
     depths = [
         penetration_depth(hand, item, energy.fields[slot], grasps.T_hand_object[:, slot], grasps.q)
         for slot, item in enumerate(energy.objects)
@@ -177,14 +191,14 @@ def quality(energy: PairEnergy, scored: Scored) -> dict[str, float]:
     }
 
 
-def in_frames_of_files(table: pd.DataFrame, centre0: NDArray[np.float64], centre1: NDArray[np.float64]) -> pd.DataFrame:
+def in_frames_of_files(table: pd.DataFrame, centres: Sequence[NDArray[np.float64]]) -> pd.DataFrame:
     """Return a merged table with object frames whose origins lie at minus the centres (3,): the frames of files.
 
     A point p of the file is p - centre in the object's frame; the axes are the same.
     """
-    moved = table.copy()
-    for slot, centre in enumerate((centre0, centre1)):
-        position, quaternion = (np.stack(table[f"{name}_hand_object{slot}"]) for name in ("position", "quaternion"))
-        T = pose_matrix(position, quaternion)
-        moved[f"position_hand_object{slot}"] = list(T[:, :3, 3] - T[:, :3, :3] @ centre)
-    return moved
+    positions = np.array([np.stack(own) for own in table["positions_hand_object"]])
+    quaternions = np.array([np.stack(own) for own in table["quaternions_hand_object"]])
+    for number, centre in enumerate(centres):
+        T = pose_matrix(positions[:, number], quaternions[:, number])
+        positions[:, number] = T[:, :3, 3] - T[:, :3, :3] @ centre
+    return table.assign(positions_hand_object=list(positions))

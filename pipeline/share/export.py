@@ -15,8 +15,10 @@ import pandas as pd
 import pyarrow as pa
 
 from pipeline.records.errors import UserError
+from pipeline.records.flat import PAIR_GRASPS
+from pipeline.records.hands import ALLEGRO
 from pipeline.records.sources import OF_ALL_PAIRS, SOURCES
-from pipeline.records.tables import MERGED, write_table
+from pipeline.records.tables import write_table
 from pipeline.share.grasps import GRASP_COLUMNS, chosen_pairs, grasps_of
 from pipeline.share.project import STYLES, Project, objects_of, open_project
 from pipeline.share.released import (
@@ -30,7 +32,7 @@ from pipeline.stages.running import command
 
 HDF5 = (".h5", ".hdf5")
 TABLE = pa.schema(
-    [pa.field("source", pa.string(), metadata={"description": GRASP_COLUMNS["source"]}), *MERGED]
+    [pa.field("source", pa.string(), metadata={"description": GRASP_COLUMNS["source"]}), *PAIR_GRASPS]
 )  # of FILE.parquet
 
 
@@ -89,19 +91,19 @@ def export(arguments: argparse.Namespace) -> list[Path]:
 
 
 def _export_single(project: Project, file: Path, style: str, name: str) -> list[Path]:
-    from pipeline.hand.allegro import load_hand
+    from pipeline.hand.model import load_hand
 
     known = objects_of(project)[style]
     if name not in known:
         raise UserError(f"there are no {style} grasps of {name!r}; choose among {', '.join(known) or 'none'}.")
-    return write_hdf5(file, single_arrays(name, read_single_grasps(project, style, name), load_hand()))
+    return write_hdf5(file, single_arrays(name, read_single_grasps(project, style, name), load_hand(ALLEGRO)))
 
 
 def _export_pairs(project: Project, file: Path, grasps: pd.DataFrame, no_contacts: bool) -> list[Path]:
     if file.suffix not in HDF5:
         write_table(file, grasps, TABLE)
         return [file]
-    from pipeline.hand.allegro import load_hand
+    from pipeline.hand.model import load_hand
 
     without = [name for name in grasps["source"].unique() if not SOURCES[name].of_single_grasps]
     if without and not no_contacts:
@@ -112,7 +114,7 @@ def _export_pairs(project: Project, file: Path, grasps: pd.DataFrame, no_contact
     if not no_contacts:
         wanted = [(style, name) for index, style in enumerate(STYLES) for name in grasps[f"object{index}"].unique()]
         singles = {(style, name): read_single_grasps(project, style, name) for style, name in wanted}
-    return write_hdf5(file, pair_arrays(grasps, singles, load_hand()))
+    return write_hdf5(file, pair_arrays(grasps, singles, load_hand(ALLEGRO)))
 
 
 @command("export")

@@ -9,14 +9,15 @@ import pandas as pd
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
+from pipeline.records.flat import PAIR_GRASPS
 from pipeline.records.sources import OF_ALL_PAIRS, SOURCES
-from pipeline.records.tables import MERGED, description
+from pipeline.records.tables import description
 from pipeline.share.project import Project, objects_of, open_project, partners_of, read_pairs
 
 # What every column of `load_grasps` means.
 GRASP_COLUMNS = {
     "source": " or ".join(f"`{source.name}` ({source.origin})" for source in OF_ALL_PAIRS.values()),
-    **{field.name: description(field) for field in MERGED},
+    **{field.name: description(field) for field in PAIR_GRASPS},
 }
 _LEARNED_IDS = "; of a learned grasp, the number of the sample"
 GRASP_COLUMNS |= {name: GRASP_COLUMNS[name] + _LEARNED_IDS for name in ("grasp0_id", "grasp1_id")}
@@ -68,7 +69,8 @@ def grasps_of(
     tables = []
     for source in sources:
         for first, own in seconds.items():
-            for rows in read_pairs(project, SOURCES[source].table(first), MERGED, SOURCES[source].stage, own).values():
+            table, stage = SOURCES[source].table(first), SOURCES[source].stage
+            for rows in read_pairs(project, table, PAIR_GRASPS, stage, own).values():
                 kept = rows[rows["rejected_by"] == ""] if only_accepted else rows
                 kept.insert(0, "source", source)
                 tables.append(kept)

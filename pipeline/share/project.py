@@ -25,6 +25,7 @@ from pydantic import TypeAdapter
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
+from pipeline.records.flat import flat, stored
 from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters import OBJECT_NAME
 from pipeline.records.parameters.pairs import PairsParameter, partners
@@ -251,7 +252,7 @@ def read_pairs(
         UserError: see :func:`read_columns`.
     """
     with _types(project, path):
-        table = _read(project, path, columns, made_by)
+        table = flat(_read(project, path, stored(columns), made_by), columns)
         own = {second: table.filter(pc.equal(table["object1"], second)) for second in seconds}
         return {second: rows.to_pandas(ignore_metadata=True) for second, rows in own.items()}
 

@@ -35,7 +35,7 @@ from pipeline.records.writing import whole_file
 from pipeline.share.project import Project, read_columns
 
 if TYPE_CHECKING:
-    from pipeline.hand.allegro import Hand
+    from pipeline.hand.model import Hand
 
 # Released z-up coordinates (x, y, z) are its y-up ones (z, x, y): T_ours_released of an object.
 Z_UP_FROM_Y_UP = np.array([[0.0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]])

@@ -50,7 +50,7 @@ class Tables:
 
     folder: Path
     schema: pa.Schema
-    columns: tuple[str, ...] = ()  # which hold the other parts of a row's key
+    columns: tuple[str, ...] = ()  # which hold the parts of a row's key, lists part by part; maybe not the table's name
 
     def rows(self, frame: pd.DataFrame) -> pa.Table:
         """Return a frame as the result of an item."""
@@ -64,7 +64,8 @@ class Tables:
     def read(self, key: str, names: Sequence[str], find: Find) -> pa.Table:
         """Return the rows of an item."""
         groups = _groups(find(names[0]), self.columns)
-        rows = groups.get(tuple(key.split("/")[1:]))
+        parts = tuple(key.split("/"))
+        rows = groups.get(parts, groups.get(parts[1:]))
         return self.schema.empty_table() if rows is None else rows.cast(self.schema)
 
     def write(self, folder: Path, keys: Sequence[str], result: Callable[[str], pa.Table]) -> None:
@@ -88,7 +89,7 @@ def _table_of(key: str) -> str:
 
 @lru_cache(maxsize=1)  # items of one table are read one after the other
 def _groups(source: Path, columns: tuple[str, ...]) -> dict[tuple[str, ...], pa.Table]:
-    """Return the rows of a table by the values of some columns."""
+    """Return the rows of a table by the parts of their keys."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -96,9 +97,10 @@ def _groups(source: Path, columns: tuple[str, ...]) -> dict[tuple[str, ...], pa.
     if not columns:
         return {(): table}
     places: dict[tuple[str, ...], list[int]] = {}
-    values = [map(str, table.column(name).to_pylist()) for name in columns]
-    for place, group in enumerate(zip(*values, strict=True)):
-        places.setdefault(group, []).append(place)
+    values = [table.column(name).to_pylist() for name in columns]
+    for place, row in enumerate(zip(*values, strict=True)):
+        parts = tuple(str(part) for value in row for part in (value if isinstance(value, list) else [value]))
+        places.setdefault(parts, []).append(place)
     return {group: table.take(pa.array(own)) for group, own in places.items()}
 
 

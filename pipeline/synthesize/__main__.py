@@ -16,6 +16,7 @@ from pipeline.records import paths
 from pipeline.records.digests import digest, hand_digest, prepared_digest
 from pipeline.records.objects import load_prepared_object
 from pipeline.records.parameters import load_with_workers
+from pipeline.records.parameters.picks import narrowed, pick_of, waiting_fingers
 from pipeline.records.tables import CANDIDATES, of_hand
 from pipeline.stages.code import own_fingerprint
 from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
@@ -24,11 +25,20 @@ from pipeline.stages.running import run_stage
 
 if TYPE_CHECKING:
     from pipeline.compute.pool import Work
+    from pipeline.records.parameters.synthesize import StyleParameters
 
 
 def sections(style: str) -> list[str]:
     """Return the sections of ``params.yaml`` that the stage depends on."""
-    return ["hand", "seed", f"styles.{style}", "synthesize.energy", "synthesize.optimizer", f"synthesize.{style}"]
+    return [
+        "hand",
+        "seed",
+        f"styles.{style}",
+        "picks",
+        "synthesize.energy",
+        "synthesize.optimizer",
+        f"synthesize.{style}",
+    ]
 
 
 def synthesize(style: str, only: str) -> None:
@@ -36,6 +46,13 @@ def synthesize(style: str, only: str) -> None:
     parameters, workers = load_with_workers(sections(style))
     names = [only] if only else parameters.pop(f"styles.{style}")
     digests = {name: prepared_digest(name) for name in names}
+    picks, base = parameters.pop("picks"), parameters.pop(f"synthesize.{style}")
+
+    def asked(name: str) -> tuple[StyleParameters, tuple[str, ...]]:
+        """Return the settings for an object, and the fingers that are straight, as they pick other objects later."""
+        number = pick_of(picks, style, name)
+        return (base, ()) if number is None else (narrowed(base, picks[number]), waiting_fingers(picks, number))
+
     from pipeline.hand.model import load_hand
     from pipeline.synthesize.candidates import Request, synthesis
 
@@ -45,13 +62,15 @@ def synthesize(style: str, only: str) -> None:
     stage = Stage(f"synthesize@{style}", "objects", tables)
 
     def work(name: str, keep: Keep) -> Work[None]:
+        settings, waiting = asked(name)
         request = Request(
             prepared=load_prepared_object(name),
             style=style,
             run_seed=parameters["seed"],
             energy=parameters["synthesize.energy"],
             optimizer=parameters["synthesize.optimizer"],
-            settings=parameters[f"synthesize.{style}"],
+            settings=settings,
+            waiting=waiting,
             hand=hand,
         )
         keep(name, tables.rows((yield from synthesis(request))))
@@ -63,7 +82,7 @@ def synthesize(style: str, only: str) -> None:
         make_by_hand(stage, names, begin, workers)
         return
     common = digest(own_fingerprint("synthesize"), parameters, hand_digest(hand.name))
-    make_items(stage, {name: digest(common, name, digests[name]) for name in names}, begin, workers)
+    make_items(stage, {name: digest(common, name, asked(name), digests[name]) for name in names}, begin, workers)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -16,6 +16,7 @@ from pipeline.compute.shared import Shared
 from pipeline.energy.contacts import contact_slots
 from pipeline.energy.scene import EnergyScene, Grasps, compile_kernels
 from pipeline.hand.model import Hand
+from pipeline.hand.moves import finger_joints, straight
 from pipeline.records.energy_terms import Terms
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters, StyleParameters
@@ -139,7 +140,16 @@ def synthesis(request: Request) -> Work[pd.DataFrame]:
     )
     same = duplicates(grasps, rows["energy"].to_numpy(), (rows["rejected_by"] == "").to_numpy())
     rows.loc[same, "rejected_by"] = SynthesisReason.DUPLICATE.value
+    if request.waiting:  # while this object is picked
+        joints = finger_joints(request.waiting, request.hand)
+        rows["q"] = [_with(q, joints, straight(request.waiting, request.hand)) for q in rows["q"]]
     return rows
+
+
+def _with(q: NDArray[np.float64], joints: NDArray[np.int64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    changed = np.array(q)
+    changed[joints] = angles
+    return changed
 
 
 def _rows_of_block(shared: Shared[Request], block: Block) -> pd.DataFrame:

@@ -26,7 +26,7 @@ STAGE = Stage("train", "models", Folders(paths.MODEL_FOLDER))
 def sections() -> list[str]:
     """Return the sections of ``params.yaml`` that the stage depends on."""
     parts = ["data", "encoder", "denoiser", "diffusion", "optimization"]
-    return ["seed", "styles", "pairs", *(f"train.{part}" for part in parts)]
+    return ["seed", "styles", "pairs", "picks", *(f"train.{part}" for part in parts)]
 
 
 def train_model() -> None:
@@ -42,16 +42,15 @@ def train_model() -> None:
 
     from pipeline.hand.model import load_hand
     from pipeline.model.checkpoint import write_checkpoint
+    from pipeline.records.flat import PAIR_GRASPS, pair_rows, read_flat
     from pipeline.records.objects import load_prepared_object
-    from pipeline.records.tables import MERGED, pair_rows, read_table
     from pipeline.train.data import gather_examples
     from pipeline.train.training import train, training_identity
 
     tables = {}
     for first, seconds in chosen_pairs(parameters).items():
-        merged = read_table(paths.merged_file(first), MERGED, "merge") if seconds else None
+        merged = read_flat(paths.merged_file(first), PAIR_GRASPS, "merge")
         for second in seconds:
-            assert merged is not None
             if not {first, second} & set(data.held_out_objects):
                 tables[first, second] = pair_rows(merged, second)
     objects = {name: load_prepared_object(name) for name in dict.fromkeys(name for pair in tables for name in pair)}

@@ -16,6 +16,7 @@ from pipeline.records import paths
 from pipeline.records.digests import digest, file_digest, hand_digest, prepared_digest
 from pipeline.records.objects import load_prepared_object
 from pipeline.records.parameters import load_with_workers
+from pipeline.records.parameters.picks import PickParameters, PostParameters, pick_of
 from pipeline.records.tables import CANDIDATES, VALIDATED, of_hand, read_table
 from pipeline.stages.code import own_fingerprint
 from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
@@ -30,19 +31,24 @@ if TYPE_CHECKING:
 
 def sections(style: str) -> list[str]:
     """Return the sections of ``params.yaml`` that the stage depends on."""
-    return ["hand", f"styles.{style}", "physics", "validate"]
+    return ["hand", f"styles.{style}", "picks", "physics", "validate"]
 
 
 def validate(style: str, only: str) -> None:
     """Test the candidates of the objects that are not up to date, or of one by hand."""
     parameters, workers = load_with_workers(sections(style))
     names = [only] if only else parameters.pop(f"styles.{style}")
-    made_by = f"synthesize@{style}"
+    made_by, picks = f"synthesize@{style}", parameters.pop("picks")
+
+    def pick(name: str) -> PickParameters | None:
+        number = pick_of(picks, style, name)
+        return None if number is None else picks[number]
+
     digests = {
         name: digest(prepared_digest(name), file_digest(paths.candidates_file(style, name), made_by)) for name in names
     }
     from pipeline.hand.model import load_hand
-    from pipeline.hand.support import PLANE
+    from pipeline.hand.support import support_of
     from pipeline.validate.table import validation
 
     hand = load_hand(parameters["hand"])
@@ -55,7 +61,12 @@ def validate(style: str, only: str) -> None:
 
     def work(name: str, keep: Keep) -> Work[None]:
         rows = yield from validation(
-            candidates(name), load_prepared_object(name), parameters["physics"], parameters["validate"], PLANE, hand
+            candidates(name),
+            load_prepared_object(name),
+            parameters["physics"],
+            parameters["validate"],
+            support_of(pick(name)),
+            hand,
         )
         keep(name, tables.rows(rows))
 
@@ -67,7 +78,11 @@ def validate(style: str, only: str) -> None:
         make_by_hand(stage, names, begin, workers)
         return
     common = digest(own_fingerprint("validate"), parameters, hand_digest(hand.name))
-    make_items(stage, {name: digest(common, name, digests[name]) for name in names}, begin, workers)
+    make_items(stage, {name: digest(common, name, _post(pick(name)), digests[name]) for name in names}, begin, workers)
+
+
+def _post(pick: PickParameters | None) -> PostParameters | None:
+    return None if pick is None else pick.post
 
 
 def main() -> int:

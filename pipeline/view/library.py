@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from pipeline.hand.model import Hand
 from pipeline.records import paths
 from pipeline.records.errors import UserError
+from pipeline.records.flat import read_flat
 from pipeline.records.geometry import read_geometry_file
 from pipeline.records.objects import PreparedObject, load_prepared_object
 from pipeline.records.parameters import Parameters
@@ -21,7 +20,6 @@ from pipeline.records.reconstructions import (
     load_reconstructed_object,
     load_reconstruction_metrics,
 )
-from pipeline.records.tables import read_table
 from pipeline.view.rows import FAILURE, INDEX, PASSED, REJECTED, SUCCESS
 from pipeline.view.tables import MERGED_VIEW, TRIALS_VIEW, Table, known_tables
 
@@ -72,7 +70,7 @@ class Library:
         if table.schema is None:
             return {"name": line["name"]}
         schema = table.schema
-        rows = self._once("rows", table.file, lambda: read_table(table.file, schema, table.stage))
+        rows = self._once("rows", table.file, lambda: read_flat(table.file, schema, table.stage))
         if line["position"] >= len(rows):
             raise UserError(f"{table.file} has changed and has no row {line['number']} any more; choose another row.")
         return {str(column): value for column, value in rows.iloc[line["position"]].items()}
@@ -125,7 +123,8 @@ def _lines(table: Table) -> pd.DataFrame:
         return pd.DataFrame([line], columns=list(INDEX))
     trials, pairs = table.view == TRIALS_VIEW, table.view in (MERGED_VIEW, TRIALS_VIEW)
     wanted = [table.number, *(("reason", "success") if trials else ("rejected_by",))]
-    rows = _columns(table, table.schema, [*wanted, *(("object0", "object1") if pairs else ())])
+    # A table of a thousand objects has long columns that no list needs.
+    rows = read_flat(table.file, table.schema, table.stage, [*wanted, *(("object0", "object1") if pairs else ())])
     reasons = rows["reason" if trials else "rejected_by"].fillna("")
     good = rows["success"] if trials else reasons == ""
     first, second = (rows["object0"], rows["object1"]) if pairs else (table.first, "")
@@ -147,17 +146,3 @@ def _lines(table: Table) -> pd.DataFrame:
         },
         columns=list(INDEX),
     )
-
-
-def _columns(table: Table, schema: pa.Schema, wanted: list[str]) -> pd.DataFrame:
-    """Read a few columns: a table of a thousand objects has long ones that no list needs.
-
-    Raises:
-        UserError: see ``records.tables.read_table``.
-    """
-    try:
-        if pq.read_schema(table.file).equals(schema):
-            return pq.read_table(table.file, columns=wanted).to_pandas()
-    except (pa.ArrowInvalid, OSError):
-        pass
-    return read_table(table.file, schema, table.stage)[wanted]  # raises with what is wrong

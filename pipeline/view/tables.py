@@ -14,10 +14,11 @@ import pyarrow as pa
 
 from pipeline.hand.model import Hand
 from pipeline.records import paths
+from pipeline.records.flat import PAIR_GRASPS, PAIR_TRIALS
 from pipeline.records.parameters import Parameters
 from pipeline.records.parameters.harder import overridden
 from pipeline.records.sources import SOURCES
-from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED, of_hand
+from pipeline.records.tables import CANDIDATES, VALIDATED, of_hand
 
 OBJECTS, CANDIDATES_VIEW, VALIDATED_VIEW = "objects", "candidates", "validated grasps"
 MERGED_VIEW, TRIALS_VIEW, RECONSTRUCTIONS = "merged grasps", "robot trials", "reconstructions"
@@ -97,7 +98,7 @@ def _pairs(parameters: Parameters) -> list[Table]:
             MERGED_VIEW,
             SOURCES[source].table(first),
             SOURCES[source].stage,
-            MERGED,
+            PAIR_GRASPS,
             "merged_id",
             source,
             first=first,
@@ -109,12 +110,20 @@ def _pairs(parameters: Parameters) -> list[Table]:
 
 def _trials(parameters: Parameters) -> list[Table]:
     standard = [
-        Table(TRIALS_VIEW, paths.trials_file(source, first), f"evaluate@{source}", TRIALS, "trial", source, first=first)
+        Table(
+            TRIALS_VIEW,
+            paths.trials_file(source, first),
+            f"evaluate@{source}",
+            PAIR_TRIALS,
+            "trial",
+            source,
+            first=first,
+        )
         for source, names in _firsts(parameters).items()
         for first in names
     ]
     harder = [
-        Table(TRIALS_VIEW, paths.harder_file(name), "evaluate-harder", TRIALS, "trial", HARDER + name)
+        Table(TRIALS_VIEW, paths.harder_file(name), "evaluate-harder", PAIR_TRIALS, "trial", HARDER + name)
         for name in parameters.harder.settings
     ]
     return standard + harder

@@ -10,7 +10,7 @@ from pipeline.records.parameters.compute import ComputeParameters
 from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.records.tables import MERGED, VALIDATED, write_table
 from pipeline.validate.table import validate_table
-from tests.merge.test_merge_pairs import merged
+from tests.merge.test_merge_search import merged
 from tests.validate.test_validation import SETTINGS, block_grasp, rows
 
 pytest.importorskip("distributed", reason="needs the extra `cluster`")

@@ -12,11 +12,17 @@ import numpy as np
 import pytest
 import trimesh
 
-from pipeline.evaluate.grasps import TwoObjectGrasp, grasp_from_row
+from pipeline.evaluate.grasps import SequenceGrasp, grasp_from_row
 from pipeline.evaluate.trial import TrialInput
+from pipeline.hand.model import load_hand
+from pipeline.pairing.task import groups_of
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters
+from tests.pairs import PAIR
+
+HAND = load_hand("allegro")
+GROUPS = groups_of(PAIR)
 
 
 def prepared(name: str, mesh: trimesh.Trimesh, density: float = 500.0) -> PreparedObject:
@@ -55,18 +61,20 @@ def grasp_row() -> dict[str, Any]:
 
 
 @pytest.fixture(scope="session")
-def grasp(grasp_row: dict[str, Any]) -> TwoObjectGrasp:
-    return grasp_from_row(grasp_row)
+def grasp(grasp_row: dict[str, Any]) -> SequenceGrasp:
+    return grasp_from_row(grasp_row, HAND, GROUPS)
 
 
 @pytest.fixture(scope="session")
-def trial_input(objects: tuple[PreparedObject, PreparedObject], grasp: TwoObjectGrasp) -> Callable[..., TrialInput]:
+def trial_input(objects: tuple[PreparedObject, PreparedObject], grasp: SequenceGrasp) -> Callable[..., TrialInput]:
     """Make the inputs of a trial; keywords replace fields of :class:`TrialInput`."""
 
     def make(**changes: Any) -> TrialInput:
         inputs = TrialInput(
             trial=0,
             source="synthesized",
+            hand=HAND,
+            picks=PAIR,
             objects=objects,
             grasps=(grasp,),
             settings=EvaluateParameters(),

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from pipeline.evaluate.harder import inputs_of_setting, sections
-from pipeline.evaluate.inputs import inputs_of_pairs
+from pipeline.evaluate.inputs import inputs_of
 from pipeline.evaluate.scene import placement_offsets
 from pipeline.records import paths
 from pipeline.records.objects import write_prepared_object
@@ -20,6 +20,7 @@ from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.harder import overridden
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.tables import MERGED, write_table
+from tests.evaluate.conftest import HAND
 
 
 def test_sections_exist_in_the_committed_parameters(repository: Path) -> None:
@@ -54,7 +55,7 @@ def test_only_the_named_values_differ() -> None:
 def test_a_wider_placement_stretches_the_same_offsets() -> None:
     standard = EvaluateParameters(perturbation=0.005, yaw_perturbation=0.1)
     wider = overridden(standard, {"perturbation": 0.01, "yaw_perturbation": 0.2})
-    offsets = [placement_offsets(settings, np.random.default_rng(3)) for settings in (standard, wider)]
+    offsets = [placement_offsets(2, settings, np.random.default_rng(3)) for settings in (standard, wider)]
     np.testing.assert_allclose(offsets[1], 2 * offsets[0])
 
 
@@ -66,15 +67,15 @@ def test_fewer_trials_are_the_first_of_the_standard_ones(tmp_path, repository, m
     Path("params.yaml").write_text(yaml.safe_dump(values))
     for prepared in objects:
         write_prepared_object(paths.prepared_folder(prepared.name), prepared)
-    names = {"object0": "cube", "object1": "slender_cylinder", "rejected_by": "", "object_clearance": 0.03}
+    names = {"rejected_by": "", "object_clearance": 0.03}
     rows = [
         dict.fromkeys(MERGED.names) | grasp_row | names | {"merged_id": i, "hand_clearance": 0.001 * i}
         for i in range(9)
     ]
     write_table(paths.merged_file("cube"), pd.DataFrame(rows, columns=MERGED.names), MERGED)
-    harder = inputs_of_setting("simulator_torque", load_parameters(sections()))
-    parameters = load_parameters(["seed", "styles", "physics", "evaluate"])
-    standard = inputs_of_pairs("synthesized", "cube", ["slender_cylinder"], parameters)[:2]
+    harder = inputs_of_setting("simulator_torque/cube/slender_cylinder", load_parameters(sections()), HAND)
+    parameters = load_parameters(["seed", "styles", "picks", "physics", "evaluate"])
+    standard = inputs_of("synthesized", ("cube", "slender_cylinder"), parameters, HAND)[:2]
     for one, other in zip(harder, standard, strict=True):
         assert (one.trial, one.seed) == (other.trial, other.seed)
         assert [grasp.merged_id for grasp in one.grasps] == [grasp.merged_id for grasp in other.grasps]

@@ -9,6 +9,8 @@ from pipeline.motion.arm_model import ArmModel
 from pipeline.motion.collisions import CollisionWorld, Obstacle, box_shape
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.poses import inverse_pose
+from tests.evaluate.conftest import HAND
+from tests.pairs import PAIR
 
 SETTINGS = EvaluateParameters()
 
@@ -16,16 +18,18 @@ SETTINGS = EvaluateParameters()
 @pytest.fixture
 def task(objects, grasp) -> PickTask:
     """The first pick of the recorded grasp."""
-    first, second = placed(objects, SETTINGS, np.zeros((2, 3)))
+    first, second = placed(PAIR, objects, SETTINGS, np.zeros((2, 3)))
+    own = grasp.picks[0]
     return PickTask(
+        hand=HAND,
         arm_q=START_ARM,
-        hand_q=grasp.open_q0,
+        hand_q=own.open_q,
         closed_q=grasp.q,
         target=object_obstacle(objects[0], "object0").at(first),
-        T_hand_target=grasp.T_hand_object0,
+        T_hand_target=own.T_hand_object,
         held=(),
         others=(object_obstacle(objects[1], "object1").at(second),),
-        direction=first[:3, :3] @ grasp.approach_direction0,
+        direction=first[:3, :3] @ own.approach_direction,
         lengths=(0.05,),
         lift_height=0.1,
     )
@@ -37,7 +41,7 @@ def test_moves_follow_each_other_and_end_where_they_should(task: PickTask) -> No
     np.testing.assert_array_equal(pick.approach.positions[0], START_ARM)
     np.testing.assert_array_equal(pick.approach.positions[-1], pick.entry.positions[0])
     np.testing.assert_array_equal(pick.entry.positions[-1], pick.lift.positions[0])
-    arm = ArmModel(task.hand_q)
+    arm = ArmModel(task.hand_q, HAND)
     grasp_pose = task.target.pose @ inverse_pose(task.T_hand_target)
     np.testing.assert_allclose(arm.hand_pose(pick.entry.positions[-1]), grasp_pose, atol=2e-3)
     begin, end = (arm.hand_pose(pick.entry.positions[index])[:3, 3] for index in (0, -1))
@@ -50,7 +54,7 @@ def test_moves_follow_each_other_and_end_where_they_should(task: PickTask) -> No
 def test_moves_hit_nothing(task: PickTask) -> None:
     pick = plan_pick(task, SETTINGS, np.random.default_rng(0))
     assert pick is not None
-    arm, supports = ArmModel(task.hand_q), support_obstacles(SETTINGS, 0.0)
+    arm, supports = ArmModel(task.hand_q, HAND), support_obstacles(SETTINGS, 0.0)
     assert CollisionWorld(arm, [*supports, *task.others, task.target]).all_free(pick.approach.positions)
     lower = support_obstacles(SETTINGS, 0.004)
     assert CollisionWorld(arm, [*lower, *task.others]).all_free(pick.entry.positions)
@@ -83,7 +87,7 @@ def test_shorter_entry_is_used_when_the_long_one_is_blocked(task: PickTask) -> N
 
     long = plan_pick(replace(task, lengths=(2.0, 0.05)), SETTINGS, np.random.default_rng(0))
     assert long is not None
-    arm = ArmModel(task.hand_q)
+    arm = ArmModel(task.hand_q, HAND)
     length = np.linalg.norm(
         arm.hand_pose(long.entry.positions[0])[:3, 3] - arm.hand_pose(long.entry.positions[-1])[:3, 3]
     )

@@ -83,21 +83,26 @@ def test_points_of_the_reconstruction_come_to_lie_where_they_truly_are(capture: 
 def test_grasps_stay_the_same_grasps_of_the_same_surface(capture: Path, objects, grasp) -> None:
     """A grasp of the true objects, told in the frames of the reconstructions, comes back as it was."""
     T = [true_from_reconstructed("shown", prepared) for prepared in objects]
-    told = replace(
-        grasp,
-        T_hand_object0=grasp.T_hand_object0 @ T[0],
-        T_hand_object1=grasp.T_hand_object1 @ T[1],
-        approach_direction0=T[0][:3, :3].T @ grasp.approach_direction0,
-        approach_direction1=T[1][:3, :3].T @ grasp.approach_direction1,
-    )
-    assert np.linalg.norm((told.T_hand_object0 - grasp.T_hand_object0)[:3, 3]) > 0.002
-    back = in_true_frames(told, T[0], T[1])
-    for name in ("T_hand_object0", "T_hand_object1", "approach_direction0", "approach_direction1"):
-        np.testing.assert_allclose(getattr(back, name), getattr(grasp, name), atol=1e-12)
+    picks = [
+        replace(
+            pick,
+            T_hand_object=pick.T_hand_object @ T_true,
+            approach_direction=T_true[:3, :3].T @ pick.approach_direction,
+        )
+        for pick, T_true in zip(grasp.picks, T, strict=True)
+    ]
+    told = replace(grasp, picks=tuple(picks))
+    assert np.linalg.norm((told.picks[0].T_hand_object - grasp.picks[0].T_hand_object)[:3, 3]) > 0.002
+    back = in_true_frames(told, T)
+    for one, other in zip(back.picks, grasp.picks, strict=True):
+        np.testing.assert_allclose(one.T_hand_object, other.T_hand_object, atol=1e-12)
+        np.testing.assert_allclose(one.approach_direction, other.approach_direction, atol=1e-12)
     # and a point of the surface is where it was in the hand
     corner = as_photos_show(objects[0], SHOWN).vertices[0]
-    in_hand = transform_points(told.T_hand_object0, corner[None])
-    np.testing.assert_allclose(in_hand, transform_points(back.T_hand_object0, objects[0].vertices[:1]), atol=1e-6)
+    in_hand = transform_points(told.picks[0].T_hand_object, corner[None])
+    np.testing.assert_allclose(
+        in_hand, transform_points(back.picks[0].T_hand_object, objects[0].vertices[:1]), atol=1e-6
+    )
 
 
 def test_another_truth_is_refused(capture: Path, objects) -> None:

@@ -6,11 +6,22 @@ import numpy as np
 import trimesh
 from scipy.optimize import brentq, least_squares
 
-from pipeline.hand.allegro import RING_JOINTS, TIP_RADIUS, load_hand
 from pipeline.hand.kinematics import link_poses
-from pipeline.pairing.grasps import SingleGrasp
+from pipeline.hand.model import load_hand
+from pipeline.hand.moves import finger_joints
+from pipeline.pairing.grasps import JoinedGrasp, SingleGrasp, join
+from pipeline.pairing.task import Task, groups_of, task_of
 from pipeline.records.objects import PreparedObject
+from pipeline.records.parameters.merge import MergeParameters
+from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.records.poses import inverse_pose
+from tests.pairs import PAIR
+
+HAND = load_hand("allegro")
+GROUPS = groups_of(PAIR)
+RING_JOINTS = finger_joints(["ring"], HAND)
+TIP_RADIUS = float(HAND.sphere_radius[list(HAND.sphere_link).index(HAND.link("link_3.0_tip"))])  # m
 
 PALM_FACE = 0.0117  # m, x of the palm's front, from the collision boxes of the URDF
 REST = np.array([0, 0.9, 0.6, 0.4, 0, 0.3, 0.3, 0.2, 0, 0.0, 0.0, 0.0, 1.3, 0.3, 0.5, 0.6])
@@ -70,7 +81,7 @@ def _pressed(q, joint_changes):
 
 def _candidates(links):
     """One contact candidate of each link, in the middle of its list."""
-    hand = load_hand()
+    hand = HAND
     of_link = [np.flatnonzero(hand.contact_link == hand.link(name)) for name in sorted(links)]
     return np.array([own[len(own) // 2] for own in of_link])
 
@@ -78,7 +89,7 @@ def _candidates(links):
 @lru_cache
 def pinch(side: float = 0.042) -> SingleGrasp:
     """Thumb and index fingertip on opposite faces of a box; the palm looks down."""
-    hand = load_hand()
+    hand = HAND
     index, thumb = hand.link("link_3.0_tip"), hand.link("link_15.0_tip")
     moving = [1, 2, 13, 14]
 
@@ -125,7 +136,7 @@ def pinch(side: float = 0.042) -> SingleGrasp:
 @lru_cache
 def side(radius: float = 0.0285, height: float = 0.105) -> SingleGrasp:
     """Ring finger around an upright cylinder that touches the palm; the index side looks up."""
-    hand = load_hand()
+    hand = HAND
     tip = hand.link("link_11.0_tip")
     # Object axes in the hand frame: z up = hand y; x = fingers; the cylinder stands in front of the palm.
     T_hand_object = np.eye(4)
@@ -157,3 +168,14 @@ def side(radius: float = 0.0285, height: float = 0.105) -> SingleGrasp:
         open_q=opened,
         approach_direction=direction / np.linalg.norm(direction),
     )
+
+
+def joined() -> JoinedGrasp:
+    """Both grasps in one hand."""
+    return join(HAND, [pinch(), side()], GROUPS)
+
+
+def pair(**settings) -> Task:
+    """The box, then the cylinder, with some settings of ``merge``."""
+    merge = MergeParameters(**settings)
+    return task_of(HAND, PAIR, (box(), cylinder()), merge, PhysicsParameters(), ValidateParameters())

@@ -12,7 +12,7 @@ from pipeline.records import paths
 from pipeline.records.objects import write_prepared_object
 from pipeline.records.parameters import read_parameters
 from pipeline.records.poses import position_quaternion
-from pipeline.records.tables import MERGED, VALIDATED, read_table, write_table
+from pipeline.records.tables import MERGED, VALIDATED, read_table, rows_of, write_table
 from tests.merge.constructed import box, cylinder, pinch, side
 
 
@@ -62,9 +62,9 @@ def test_command_writes_one_table_for_its_object_and_leaves_others(
     assert stage.main() == 0
     assert sorted(path.name for path in paths.merged_file("").parent.iterdir()) == ["box.parquet", "other.parquet"]
     table = read_table(paths.merged_file("box"), MERGED, "merge")
-    assert set(table.object0) == {"box"} and set(table.object1) == {"cylinder"}
+    assert {tuple(names) for names in table.objects} == {("box", "cylinder")}
     assert table.rejected_by.tolist() == ["", ""]
-    assert sorted(table.grasp0_id) == [0, 2] and set(table.grasp1_id) == {0}  # rejected grasps are not used
+    assert sorted(map(tuple, table.grasp_ids)) == [(0, 0), (2, 0)]  # rejected grasps are not used
     assert "box then cylinder: 2 accepted of 2 tried" in capsys.readouterr().out
     before = paths.merged_file("box").read_bytes()
     assert stage.main() == 0
@@ -81,20 +81,20 @@ def test_pairs_are_those_of_the_parameters_in_their_order(project: Path) -> None
     write_validated("side", "first", side(), ["", ""])
     assert stage.main() == 0
     table = read_table(paths.merged_file("box"), MERGED, "merge")
-    assert list(dict.fromkeys(table.object1)) == ["first", "cylinder"]
+    assert list(dict.fromkeys(second for _, second in table.objects)) == ["first", "cylinder"]
     # Whichever pairs are searched beside it, a pair has the same rows.
     content["pairs"] = [["box", "cylinder"]]
     paths.PARAMETERS_FILE.write_text(yaml.safe_dump(content))
     assert stage.main() == 0
     alone = read_table(paths.merged_file("box"), MERGED, "merge")
-    pd.testing.assert_frame_equal(alone, table[table.object1 == "cylinder"].reset_index(drop=True))
+    pd.testing.assert_frame_equal(alone, rows_of(table, ("box", "cylinder")))
 
 
 def test_pair_without_grasps_gets_an_empty_table_and_a_warning(project: Path, capsys: pytest.CaptureFixture) -> None:
     write_validated("side", "cylinder", side(), ["gravity:-z"])
     assert stage.main() == 0
     assert len(read_table(paths.merged_file("box"), MERGED, "merge")) == 0
-    assert "0 of 2 two-object grasps of box then cylinder" in capsys.readouterr().err
+    assert "0 of 2 grasps of box then cylinder" in capsys.readouterr().err
 
 
 def test_an_object_that_is_not_pinched_is_named(

@@ -1,6 +1,7 @@
 """`dvc.yaml` tells the truth: a forgotten input or parameter is a stale result that nobody notices."""
 
 import ast
+import re
 import subprocess
 from pathlib import Path
 
@@ -60,6 +61,15 @@ def test_a_stage_reads_no_parameter_but_its_sections(room):
             for call in reads:
                 argument = call.args[0]
                 assert isinstance(argument, ast.Call) and getattr(argument.func, "id", "") == "sections", source
+
+
+@each_room
+def test_who_asks_for_the_pairs_declares_what_they_depend_on(room):
+    asks = any(re.search(r"chosen_(pairs|sequences)\(", source.read_text()) for source in files_of(room))
+    for stage in STAGES:
+        if asks and stage.room == room and not stage.reads_everything and stage.name != "evaluate-harder":
+            assert "picks" in stage.parameters
+            assert {"seed", "styles", "pairs"} <= set(stage.parameters) or "reconstructed" in stage.parameters
 
 
 @each_room

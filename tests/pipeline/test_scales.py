@@ -70,7 +70,7 @@ def test_a_value_is_a_typed_default_or_in_conf_but_not_both(repository):
         below |= {name for file in files for name in stated(file)}
 
 
-@pytest.mark.parametrize("scale", ["demo", "paper", "tiny"])
+@pytest.mark.parametrize("scale", ["demo", "paper", "three", "tiny"])
 def test_every_scale_is_valid_and_states_every_value(project, scale):
     scales.compose(scale, project / "params.yaml")
     content = yaml.safe_load((project / "params.yaml").read_text())
@@ -78,7 +78,7 @@ def test_every_scale_is_valid_and_states_every_value(project, scale):
     assert missing(Parameters, content) == []
 
 
-@pytest.mark.parametrize("scale", ["demo", "paper", "tiny"])
+@pytest.mark.parametrize("scale", ["demo", "paper", "three", "tiny"])
 def test_the_official_preset_has_the_released_settings_on_any_scale(project, scale):
     """Figures of the released code: step, switch, temperature, iterations, contacts, links, height over the table."""
     scales.compose(scale, project / "ours.yaml")
@@ -176,7 +176,7 @@ def test_switching_there_and_back_gives_the_same_bytes(project):
 
 
 def test_an_unknown_scale_is_answered_with_the_known_ones(project):
-    with pytest.raises(UserError, match="no scale 'huge' .* use one of demo, paper, tiny"):
+    with pytest.raises(UserError, match="no scale 'huge' .* use one of demo, paper, three, tiny"):
         scales.switch("huge", force=False)
 
 

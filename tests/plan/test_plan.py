@@ -29,6 +29,8 @@ from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.poses import pose_matrix
 from pipeline.records.reconstructions import ReconstructedObject, write_reconstruction
 from pipeline.records.tables import MERGED, write_table
+from tests.evaluate.conftest import HAND
+from tests.pairs import PAIR
 
 SETTINGS, PHYSICS = EvaluateParameters(), PhysicsParameters()
 ORDER = [f"{verb} {which}" for which in ("first", "second") for verb in ("open", "approach", "enter", "close", "lift")]
@@ -37,13 +39,13 @@ PASSING = np.zeros(16)
 
 @pytest.fixture(scope="module")
 def standing(objects) -> Table:
-    poses = placed(objects, SETTINGS, np.zeros((2, 3)))
+    poses = placed(PAIR, objects, SETTINGS, np.zeros((2, 3)))
     return Table((StandingObject(objects[0], poses[0]), StandingObject(objects[1], poses[1])))
 
 
 @pytest.fixture(scope="module")
 def phases(standing: Table, grasp) -> list[Phase]:
-    return propose(standing, grasp, SETTINGS, np.random.default_rng(0))
+    return propose(standing, grasp, HAND, SETTINGS, np.random.default_rng(0))
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +60,7 @@ def resting(count: int = 5) -> Waypoints:
 
 
 def failed(waypoints: Waypoints, torque: np.ndarray = PASSING) -> dict[str, str]:
-    return {check.name: check.sentence() for check in check_limits(waypoints, torque) if not check.passed}
+    return {check.name: check.sentence() for check in check_limits(HAND, waypoints, torque) if not check.passed}
 
 
 def test_phases_come_in_order_and_join(phases: list[Phase], waypoints: Waypoints) -> None:
@@ -81,24 +83,24 @@ def test_told_velocities_are_those_of_the_positions(waypoints: Waypoints) -> Non
 def test_hand_goes_where_the_grasps_are(standing: Table, grasp, phases: list[Phase]) -> None:
     by_name = {phase.name: phase for phase in phases}
     for index, (name, T_hand_object) in enumerate(
-        (("close first", grasp.T_hand_object0), ("close second", grasp.T_hand_object1))
+        zip(("close first", "close second"), (pick.T_hand_object for pick in grasp.picks), strict=True)
     ):
         last = by_name[name].last
-        hand = ArmModel(last.hand).hand_pose(last.arm)
+        hand = ArmModel(last.hand, HAND).hand_pose(last.arm)
         np.testing.assert_allclose(hand @ T_hand_object, standing.objects[index].T_world_object, atol=3e-3)
-    lifted = ArmModel(grasp.q).hand_pose(by_name["hold"].last.arm)[2, 3]
-    closed = ArmModel(grasp.q).hand_pose(by_name["close second"].last.arm)[2, 3]
+    lifted = ArmModel(grasp.q, HAND).hand_pose(by_name["hold"].last.arm)[2, 3]
+    closed = ArmModel(grasp.q, HAND).hand_pose(by_name["close second"].last.arm)[2, 3]
     assert lifted - closed == pytest.approx(SETTINGS.lift_height, abs=1e-3)
 
 
 def test_recorded_grasp_keeps_all_limits(waypoints: Waypoints, grasp) -> None:
-    checks = check_limits(waypoints, squeeze_torque(grasp, PHYSICS))
+    checks = check_limits(HAND, waypoints, squeeze_torque(grasp, PHYSICS))
     assert [check.sentence() for check in checks if not check.passed] == []
     assert {check.name.split()[0] for check in checks} == {"arm", "hand"}
 
 
 def test_limits_of_the_arm_are_those_of_its_description() -> None:
-    arm = ArmModel(START_HAND)
+    arm = ArmModel(START_HAND, HAND)
     np.testing.assert_allclose(arm.lower, ARM_LOWER)
     np.testing.assert_allclose(arm.upper, ARM_UPPER)
     np.testing.assert_allclose(arm.velocity, ARM_VELOCITY)
@@ -142,7 +144,7 @@ def smooth_move(distance: float, seconds: float, step: float) -> Waypoints:
     ],
 )
 def test_fast_moves_are_told(distance: float, seconds: float, step: float, name: str, value: float) -> None:
-    checks = check_limits(smooth_move(distance, seconds, step), PASSING)
+    checks = check_limits(HAND, smooth_move(distance, seconds, step), PASSING)
     assert [check.name for check in checks if not check.passed] == [name]
     found = next(check for check in checks if check.name == name)
     assert abs(found.value) == pytest.approx(value, rel=1e-5) and found.joint == "panda_joint2"
@@ -193,7 +195,7 @@ def test_weight_of_fingers_against_the_change_of_potential_energy() -> None:
 
     from pipeline.hand.robot import robot_file
 
-    model = pin.buildModelFromUrdf(str(robot_file(arm=True)))
+    model = pin.buildModelFromUrdf(str(robot_file(True, HAND)))
     data = model.createData()
 
     def energy(q: np.ndarray) -> float:
@@ -204,7 +206,7 @@ def test_weight_of_fingers_against_the_change_of_potential_energy() -> None:
 
     q = np.concatenate([START_ARM, START_HAND + 0.1])
     slopes = [(energy(q + 1e-4 * e) - energy(q - 1e-4 * e)) / 2e-4 for e in np.eye(23)[7:]]
-    np.testing.assert_allclose(weight_torques(q[None])[0], slopes, atol=1e-6)
+    np.testing.assert_allclose(weight_torques(HAND, q[None])[0], slopes, atol=1e-6)
     assert 0.01 < np.abs(slopes).max() < 0.7
 
 
@@ -217,7 +219,7 @@ def test_playback_runs_the_exported_way_points(phases, waypoints: Waypoints) -> 
 
 
 def test_dry_run_lifts_both_objects(standing: Table, waypoints: Waypoints) -> None:
-    outcome = play(standing, waypoints, SETTINGS, PHYSICS)
+    outcome = play(HAND, standing, waypoints, SETTINGS, PHYSICS)
     assert outcome["reason"] == "" and outcome["success"]
     steps = (len(waypoints.times) - 1) / SETTINGS.control_frequency + SETTINGS.settle_seconds
     assert outcome["steps"] == round(steps * PHYSICS.frequency)
@@ -228,7 +230,7 @@ def test_dry_run_tells_when_the_objects_stand_elsewhere(standing: Table, waypoin
     away = standing.objects[0].T_world_object.copy()
     away[0, 3] += 0.08
     moved = Table((StandingObject(standing.objects[0].prepared, away), standing.objects[1]))
-    outcome = play(moved, waypoints, SETTINGS, PHYSICS)
+    outcome = play(HAND, moved, waypoints, SETTINGS, PHYSICS)
     assert not outcome["success"] and outcome["reason"] in ("first slip", "collision on approach")
 
 
@@ -239,9 +241,9 @@ def test_other_objects_are_kept_away_from(standing: Table, grasp, objects) -> No
     far[:3, 3] = (0.67, -0.17, 0.1525)
     blocked = replace(standing, others=(StandingObject(objects[1], on_it),))
     with pytest.raises(UserError, match=r"no motion was found that picks cube with grasp \d+"):
-        propose(blocked, grasp, SETTINGS, np.random.default_rng(0))
+        propose(blocked, grasp, HAND, SETTINGS, np.random.default_rng(0))
     free = replace(standing, others=(StandingObject(objects[1], far),))
-    assert propose(free, grasp, SETTINGS, np.random.default_rng(0))[-1].name == "hold"
+    assert propose(free, grasp, HAND, SETTINGS, np.random.default_rng(0))[-1].name == "hold"
 
 
 @pytest.fixture
@@ -251,7 +253,6 @@ def workplace(tmp_path: Path, repository: Path, objects, grasp_row, monkeypatch)
     for prepared in objects:
         write_prepared_object(tmp_path / paths.prepared_folder(prepared.name), prepared)
     row = dict.fromkeys(MERGED.names) | grasp_row
-    row |= {"object0": "cube", "object1": "slender_cylinder"}
     rows = [row | {"merged_id": 0, "rejected_by": "gravity"}, row | {"merged_id": 1, "rejected_by": ""}]
     write_table(tmp_path / "grasps.parquet", pd.DataFrame(rows, columns=MERGED.names), MERGED)
     monkeypatch.chdir(tmp_path)
@@ -281,7 +282,7 @@ def test_command_writes_plan_and_dry_run(workplace: Path, capsys) -> None:
 
 def test_the_pair_of_a_table_of_several_is_named_by_its_second_object(workplace: Path, capsys) -> None:
     rows = pd.read_parquet("grasps.parquet")
-    others = rows.assign(object1="plum", merged_id=range(len(rows)), rejected_by="")
+    others = rows.assign(objects=[["cube", "plum"]] * len(rows), merged_id=range(len(rows)), rejected_by="")
     write_table(Path("many.parquet"), pd.concat([others, rows]), MERGED)
     assert command.main(["--table", "many.parquet"]) == 2
     assert "holds several pairs; choose one of plum, slender_cylinder with --second" in capsys.readouterr().err

@@ -19,6 +19,7 @@ import yaml
 from pipeline.evaluate.__main__ import evaluate
 from pipeline.evaluate.scene import START_ARM, START_HAND
 from pipeline.evaluate.trial import run_trial
+from pipeline.hand.model import load_hand
 from pipeline.physics.sapien_bodies import SapienBody
 from pipeline.pictures.camera import look_at
 from pipeline.records import paths
@@ -35,6 +36,7 @@ from pipeline.replay.sapien_camera import SapienCamera, why_unusable
 from pipeline.replay.video import Film, drawn_moments, last_caption, shown_moments, write_video
 from pipeline.replay.viewer import Viewer
 
+HAND = load_hand("allegro")
 NAME = "synthesized/cube/slender_cylinder/1"
 TABLE = Path("data/evaluate/synthesized/cube.parquet")
 RECORDING = Path("replays/synthesized-cube-slender_cylinder-1.parquet")
@@ -64,7 +66,7 @@ def evaluated(tmp_path_factory, repository: Path, objects, grasp_row) -> Path:
 
 def write_grasps(grasp_row: dict, merged_id: int) -> None:
     row = dict.fromkeys(MERGED.names) | grasp_row
-    row |= {"object0": "cube", "object1": "slender_cylinder", "merged_id": merged_id, "rejected_by": ""}
+    row |= {"merged_id": merged_id, "rejected_by": ""}
     rows = pd.DataFrame([row], columns=MERGED.names)
     write_table(paths.merged_file("cube"), rows, MERGED)
 
@@ -119,7 +121,7 @@ def test_recording_agrees_with_the_table_of_the_stage(evaluated: Path, replayed:
     assert ends[-1] == len(replayed.time) - 1
     np.testing.assert_array_equal(replayed.robot_q[ends], np.stack(row["snapshot_robot_q"]))
     for index in (0, 1):
-        np.testing.assert_array_equal(replayed.poses[index][ends], np.stack(row[f"snapshot_pose{index}"]))
+        np.testing.assert_array_equal(replayed.poses[index][ends], np.stack(row["snapshot_poses"][index]))
     # one moment per control period of 0.02 s = 4 steps of physics
     np.testing.assert_allclose(replayed.time, 0.02 * np.arange(1, row["steps"] // 4 + 1))
     assert replayed.about == About(NAME, ("cube", "slender_cylinder"), "success", 0.1)
@@ -137,25 +139,25 @@ def test_command_says_that_the_outcome_is_the_same(evaluated: Path, replayed: Re
 
 def test_one_changed_bit_is_another_outcome(project: Path, capsys) -> None:
     rows = read_table(TABLE, TRIALS, "evaluate")
-    rows.loc[1, "height1"] = np.nextafter(rows.loc[1, "height1"], 1.0)
+    rows.at[1, "heights"] = np.nextafter(rows.at[1, "heights"], 1.0)
     rows.loc[1, "reason"] = "second slip"
     write_table(TABLE, rows, TRIALS)
     assert command.main(["--check", "9"]) == 1
     told = capsys.readouterr().out.splitlines()
-    assert sorted(told[:2]) == [f"{NAME[:-1]}0: same", f"{NAME}: differs in reason, height1"]
+    assert sorted(told[:2]) == [f"{NAME[:-1]}0: same", f"{NAME}: differs in reason, heights"]
     assert told[2] == "1 of 2 trials, drawn from 2, have the same outcome to the last bit"
     assert command.main([NAME, "--no-view"]) == 1
     told = capsys.readouterr().out
-    assert "ANOTHER outcome than" in told and "columns that differ: reason, height1; `dvc status evaluate@" in told
+    assert "ANOTHER outcome than" in told and "columns that differ: reason, heights; `dvc status evaluate@" in told
     assert read_recording(RECORDING).about.outcome == "success (the table tells another outcome)"
 
 
 def test_every_bit_counts() -> None:
-    row = dict.fromkeys(TRIALS.names) | {"height0": 0.0, "offset0": np.zeros(3), "snapshot_pose0": [np.zeros(7)]}
-    assert differing_columns(row, row | {"height0": -0.0}) == ["height0"]
-    assert differing_columns(row, row | {"offset0": np.array([0.0, 5e-324, 0.0])}) == ["offset0"]
-    assert differing_columns(row, row | {"snapshot_pose0": [np.zeros(7)] * 2}) == ["snapshot_pose0"]
-    nan = row | {"height1": np.nan}
+    row = dict.fromkeys(TRIALS.names) | {"heights": [0.0], "offsets": [np.zeros(3)], "snapshot_poses": [[np.zeros(7)]]}
+    assert differing_columns(row, row | {"heights": [-0.0]}) == ["heights"]
+    assert differing_columns(row, row | {"offsets": [np.array([0.0, 5e-324, 0.0])]}) == ["offsets"]
+    assert differing_columns(row, row | {"snapshot_poses": [[np.zeros(7)] * 2]}) == ["snapshot_poses"]
+    nan = row | {"heights": [np.nan]}
     assert differing_columns(nan, dict(nan)) == []
 
 
@@ -236,7 +238,7 @@ def test_wrong_options_are_refused(empty_folder: Path, arguments: list[str]) -> 
 def test_trials_are_drawn_from_all_tables(project: Path) -> None:
     known = known_trials()
     assert known == [trial_name(f"{NAME[:-1]}{number}") for number in (0, 1)]
-    many = [TrialName("learned", "cube", "plum", number) for number in range(100)]
+    many = [TrialName("learned", ("cube", "plum"), number) for number in range(100)]
     drawn = drawn_trials(many, 20, draw=0)
     assert len(set(drawn)) == 20 and set(drawn) <= set(many)
     assert drawn == drawn_trials(many, 20, draw=0) != drawn_trials(many, 20, draw=1)
@@ -252,7 +254,7 @@ def test_object_that_physics_loses_stays_where_it_was_seen(trial_input, monkeypa
     assert len(lost.time) == 25 and np.isnan(lost.poses).all()  # 0.5 s of settling
     seen = pose_matrix([0.5, 0.1, 0.2], [1.0, 0.0, 0.0, 0.0])
     lost.poses[1, 3] = [0.5, 0.1, 0.2, 1.0, 0.0, 0.0, 0.0]
-    np.testing.assert_allclose(moving_poses(lost, 20)[-1], seen)
+    np.testing.assert_allclose(moving_poses(lost, HAND, 20)[-1], seen)
     write_recording(tmp_path / "lost.parquet", lost)
     np.testing.assert_array_equal(read_recording(tmp_path / "lost.parquet").poses, lost.poses)
 
@@ -284,8 +286,8 @@ def test_still_moments_share_a_picture(replayed: Recording) -> None:
 
 def test_appearance_is_that_of_the_recording(evaluated: Path, short: Recording, monkeypatch, objects) -> None:
     monkeypatch.chdir(evaluated)
-    looks = appearance(short)
-    bodies = bodies_at(looks, moving_poses(short, len(short.time) - 1))
+    looks = appearance(short, HAND)
+    bodies = bodies_at(looks, moving_poses(short, HAND, len(short.time) - 1))
     assert sum(len(body.faces) for body in bodies) < 40_000
     *_, cube, cylinder, sponge = bodies
     pose = short.poses[0, -1]
@@ -322,7 +324,8 @@ def test_mp4_has_every_picture_and_shows_the_objects(
     monkeypatch.chdir(evaluated)
     film, recording = Film(320, 240, 5.0), resting(replayed)
     target = tmp_path / "trial.mp4"
-    assert write_video(target, recording, film, "rays", workers=1) == (5 + 5, "rays")  # 0.8 s, and 1 s for the outcome
+    # 0.8 s, and 1 s for the outcome
+    assert write_video(target, recording, HAND, film, "rays", workers=1) == (5 + 5, "rays")
     reader = imageio_ffmpeg.read_frames(str(target))
     about = next(reader)
     frames = [np.frombuffer(frame, np.uint8).reshape(266, 320, 3) for frame in reader]
@@ -342,7 +345,7 @@ def test_gif_lasts_as_long_as_the_trial(evaluated: Path, replayed: Recording, mo
 
     monkeypatch.chdir(evaluated)
     film, recording = Film(160, 120, 5.0), resting(replayed)
-    assert write_video(tmp_path / "trial.gif", recording, film, "rays", workers=1)[0] == 10
+    assert write_video(tmp_path / "trial.gif", recording, HAND, film, "rays", workers=1)[0] == 10
     with Image.open(tmp_path / "trial.gif") as gif:
         durations = []
         for index in range(gif.n_frames):  # those that are alike are one
@@ -369,7 +372,7 @@ def test_interrupted_video_leaves_nothing(evaluated: Path, short: Recording, mon
     monkeypatch.setattr(video, "_ray_cast", lambda shared, poses: b"")
     monkeypatch.setattr(video, "_frame", some)
     with pytest.raises(KeyboardInterrupt):
-        write_video(tmp_path / f"trial{suffix}", short, Film(64, 64, 10.0), "rays", workers=1)
+        write_video(tmp_path / f"trial{suffix}", short, HAND, Film(64, 64, 10.0), "rays", workers=1)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -377,7 +380,7 @@ def test_video_that_cannot_be_written_is_told_before_drawing(evaluated: Path, sh
     monkeypatch.chdir(evaluated)
     (tmp_path / "file").write_text("")
     with pytest.raises(UserError, match="cannot write"):
-        write_video(tmp_path / "file" / "trial.mp4", short, Film(), "rays", workers=1)
+        write_video(tmp_path / "file" / "trial.mp4", short, HAND, Film(), "rays", workers=1)
 
 
 @pytest.mark.render
@@ -389,7 +392,7 @@ def test_sapien_sees_what_rays_see(evaluated: Path, replayed: Recording, monkeyp
     monkeypatch.chdir(evaluated)
     film, recording = Film(320, 240), resting(replayed)
     view = (video.CAMERA_POSITION, video.CAMERA_TARGET, video.CAMERA_DEGREES)
-    picture = SapienCamera(appearance(recording), 320, 240, view).picture(moving_poses(recording, 0))
+    picture = SapienCamera(appearance(recording, HAND), 320, 240, view).picture(moving_poses(recording, HAND, 0))
     for index, (strong, weak) in enumerate([(0, 2), (2, 0)]):
         colour = seen_colour(picture, recording.poses[index, 0, :3], film)
         assert colour[strong] > 1.5 * colour[weak], (index, colour)
@@ -399,7 +402,7 @@ def test_renderer_that_is_not_there_is_one_sentence(evaluated: Path, short: Reco
     monkeypatch.chdir(evaluated)
     monkeypatch.setattr("pipeline.replay.sapien_camera.why_unusable", lambda: "no rendering device")
     with pytest.raises(UserError, match=r"SAPIEN's renderer cannot be used \(no rendering device\); take `--renderer"):
-        write_video(tmp_path / "trial.mp4", short, Film(), "sapien", workers=1)
+        write_video(tmp_path / "trial.mp4", short, HAND, Film(), "sapien", workers=1)
     assert video._choose("auto") == "rays" and list(tmp_path.iterdir()) == []
 
 
@@ -408,7 +411,7 @@ def test_viewer_serves_the_page_and_moves_what_moves(evaluated: Path, replayed: 
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        viewer = Viewer(replayed, "127.0.0.1", taken.getsockname()[1])  # goes on to the next free port
+        viewer = Viewer(replayed, HAND, "127.0.0.1", taken.getsockname()[1])  # goes on to the next free port
     try:
         with urllib.request.urlopen(viewer.address) as answer:
             assert answer.status == 200 and b"<html" in answer.read()
@@ -420,7 +423,7 @@ def test_viewer_serves_the_page_and_moves_what_moves(evaluated: Path, replayed: 
             np.testing.assert_allclose(viewer.handles[index - 2].wxyz, replayed.poses[index, 300, 3:], atol=1e-6)
         hand = [handle for handle in viewer.handles if handle.name.startswith("/robot")]
         np.testing.assert_allclose(
-            [h.position for h in hand], [T[:3, 3] for T in moving_poses(replayed, 300)[:-2]], atol=1e-6
+            [h.position for h in hand], [T[:3, 3] for T in moving_poses(replayed, HAND, 300)[:-2]], atol=1e-6
         )
         viewer.show(replayed.time[-1])
         assert viewer.slider.value == pytest.approx(replayed.time[-1]) and viewer.phase.value == "hold"
@@ -433,7 +436,7 @@ def test_viewer_serves_the_page_and_moves_what_moves(evaluated: Path, replayed: 
 def test_address_that_is_not_here_is_one_sentence(evaluated: Path, short: Recording, monkeypatch) -> None:
     monkeypatch.chdir(evaluated)
     with pytest.raises(UserError, match=r"nothing can be served on --host 192\.0\.2\.1"):
-        Viewer(short, "192.0.2.1", 8080)
+        Viewer(short, HAND, "192.0.2.1", 8080)
 
 
 def test_command_plays_a_recording_until_interrupted(evaluated: Path, replayed: Recording, monkeypatch, capsys) -> None:
@@ -454,7 +457,7 @@ def test_command_plays_a_recording_until_interrupted(evaluated: Path, replayed: 
 def test_playing_advances_with_the_clock(evaluated: Path, replayed: Recording, monkeypatch) -> None:
     """At twice the speed, for half a second of a clock that is told: 1 s of the trial."""
     monkeypatch.chdir(evaluated)
-    viewer = Viewer(replayed, "127.0.0.1", 8770)
+    viewer = Viewer(replayed, HAND, "127.0.0.1", 8770)
     viewer.speed.value = "2"
     ticks = iter(np.arange(0, 0.51, 0.05).tolist())
 

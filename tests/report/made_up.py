@@ -7,8 +7,9 @@ import numpy as np
 import pandas as pd
 from PIL import Image
 
+from pipeline.records.flat import PAIR_GRASPS, PAIR_TRIALS
 from pipeline.records.parameters.harder import HarderSetting
-from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED
+from pipeline.records.tables import CANDIDATES, VALIDATED
 from pipeline.report.counting import PairCounts, pair_counts
 from pipeline.report.harder import Change, Harder, compared
 from pipeline.report.learned import Learned
@@ -77,7 +78,7 @@ def merged(first: str, second: str, accepted: int = 2) -> pd.DataFrame:
                 "rejected_by": "" if index < accepted else "hand_clearance",
             }
         )
-    return _filled(MERGED, rows)
+    return _filled(PAIR_GRASPS, rows)
 
 
 def quality(first: str, seconds: Sequence[str]) -> dict[str, dict]:
@@ -139,7 +140,7 @@ def trials(first: str, seconds: list[str], source: str = "synthesized") -> pd.Da
                     "snapshot_pose1": [pose] * len(phases),
                 }
             )
-    return _filled(TRIALS, rows)
+    return _filled(PAIR_TRIALS, rows)
 
 
 def counts(first: str, seconds: Sequence[str], source: str = "synthesized", accepted: int = 2) -> list[PairCounts]:

@@ -7,13 +7,15 @@ import pytest
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
+from pipeline.records.flat import PAIR_GRASPS, PAIR_TRIALS, read_flat, read_flat_columns
 from pipeline.records.parameters.objects import StylesParameters
-from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED, read_columns, read_table, write_table
+from pipeline.records.tables import CANDIDATES, VALIDATED, write_table
 from pipeline.records.writing import write_json
 from pipeline.report.counting import Counts, count_all, pair_counts
 from pipeline.report.learned import load_quality
 from pipeline.report.pairs_table import PAIRS, pairs_table
 from pipeline.report.rates import spread
+from tests.pairs import write_pairs
 from tests.report import made_up
 
 PARTNERS = {"cube": ("can", "box"), "plum": ("can",)}
@@ -38,8 +40,8 @@ def folder(tmp_path, monkeypatch):
     for source, pairs in (("synthesized", PARTNERS), ("learned", PARTNERS), ("reconstructed", RECONSTRUCTED)):
         for first, seconds in pairs.items():
             file = paths.merged_file(first) if source == "synthesized" else paths.sampled_file(source, first)
-            write_table(file, grasps(first, seconds), MERGED)
-            write_table(paths.trials_file(source, first), made_up.trials(first, list(seconds), source), TRIALS)
+            write_pairs(file, grasps(first, seconds), PAIR_GRASPS)
+            write_pairs(paths.trials_file(source, first), made_up.trials(first, list(seconds), source), PAIR_TRIALS)
     write_json(
         paths.sample_quality_file("learned"), {first: made_up.quality(first, own) for first, own in PARTNERS.items()}
     )
@@ -82,11 +84,11 @@ def test_a_missing_table_names_its_stage(folder, counts):
 
 def test_some_columns_of_a_table_are_those_of_the_whole_in_the_order_asked_for(folder):
     file, columns = paths.trials_file("learned", "cube"), ["success", "object1", "trial"]
-    some = read_columns(file, TRIALS, "x", columns)
+    some = read_flat_columns(file, PAIR_TRIALS, "x", columns)
     assert list(some) == columns
-    assert some == {name: read_table(file, TRIALS, "x")[name].tolist() for name in columns}
+    assert some == {name: read_flat(file, PAIR_TRIALS, "x")[name].tolist() for name in columns}
     with pytest.raises(UserError, match="other columns"):
-        read_columns(file, MERGED, "x", ["object1"])
+        read_flat_columns(file, PAIR_GRASPS, "x", ["object1"])
 
 
 def test_the_table_of_pairs_has_every_pair_and_source(counts, folder):

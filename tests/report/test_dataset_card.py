@@ -11,13 +11,14 @@ import pytest
 
 from pipeline.hand.model import load_hand
 from pipeline.records import paths
-from pipeline.records.tables import MERGED, write_table
+from pipeline.records.flat import PAIR_GRASPS
 from pipeline.report.counting import PairCounts, Single, pair_counts
 from pipeline.report.dataset_card import CardContent, dataset_card, description_of, parameters_digest, type_name
 from pipeline.report.diversity import compass_sectors, diversity, pair_diversity, used_grasps
 from pipeline.report.objects import ObjectFacts
 from pipeline.report.pairs_table import uses
 from pipeline.report.rates import MOST_PAIRS, single_grasp_funnel
+from tests.pairs import write_pairs
 from tests.report import made_up
 
 HAND = load_hand("allegro")
@@ -61,7 +62,7 @@ def content(counts) -> CardContent:
         uses=[uses(one) for one in counts],
         distinct_distance=0.003,
         objects=[OBJECT],
-        columns=MERGED,
+        columns=PAIR_GRASPS,
         versions={"python": "3.11", "sapien": "3"},
         settings={"run": [("scale", "tiny", ""), ("seed", "3", "")]},
     )
@@ -96,10 +97,13 @@ def test_the_card_is_well_formed_and_the_same_each_time(content):
 
 def test_every_column_is_described_with_its_type(content):
     card = dataset_card(content)
-    for field in MERGED:
+    for field in PAIR_GRASPS:
         assert description_of(field), field.name
         assert f"| `{field.name}` | `{type_name(field.type)}` | {description_of(field)} |" in card
-    assert type_name(MERGED.field("q").type) == "double[16]" and type_name(MERGED.field("open_q1").type) == "double[]"
+    assert (
+        type_name(PAIR_GRASPS.field("q").type) == "double[16]"
+        and type_name(PAIR_GRASPS.field("open_q1").type) == "double[]"
+    )
 
 
 def test_links_lead_to_files(content, repository):
@@ -109,7 +113,7 @@ def test_links_lead_to_files(content, repository):
 
 def test_the_example_runs_on_tables_as_they_are_written(content, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    write_table(paths.merged_file("cube"), pd.concat(merged_tables(), ignore_index=True), MERGED)
+    write_pairs(paths.merged_file("cube"), pd.concat(merged_tables(), ignore_index=True), PAIR_GRASPS)
     (example,) = re.findall(r"```python\n(.*?)```", dataset_card(content), flags=re.DOTALL)
     scope: dict = {}
     with contextlib.redirect_stdout(io.StringIO()) as printed:

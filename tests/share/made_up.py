@@ -8,7 +8,9 @@ import numpy as np
 import pandas as pd
 
 from pipeline.records import paths
-from pipeline.records.tables import MERGED, VALIDATED, write_table
+from pipeline.records.flat import PAIR_GRASPS
+from pipeline.records.tables import VALIDATED, write_table
+from tests.pairs import write_pairs
 
 PINCH, SIDE = ("cube", "plum"), ("can",)
 STYLES = {"pinch": list(PINCH), "side": list(SIDE)}
@@ -46,7 +48,7 @@ def merged(first: str, second: str, generator: np.random.Generator) -> pd.DataFr
     """Five combinations, of which number 1 was rejected."""
     rows = []
     for number in range(5):
-        row = dict.fromkeys(MERGED.names) | {
+        row = dict.fromkeys(PAIR_GRASPS.names) | {
             "merged_id": number,
             "object0": first,
             "object1": second,
@@ -71,7 +73,7 @@ def write_tables(root: Path, *, learned: bool = True) -> None:
     for first in PINCH:
         files = [paths.merged_file(first), *([paths.sampled_file("learned", first)] if learned else [])]
         for file in files:
-            write_table(root / file, pd.concat([merged(first, second, generator) for second in SIDE]), MERGED)
+            write_pairs(root / file, pd.concat([merged(first, second, generator) for second in SIDE]), PAIR_GRASPS)
     for style, names in STYLES.items():
         for name in names:
             write_table(root / paths.validated_file(style, name), validated(name, style, generator), VALIDATED)

@@ -13,8 +13,9 @@ import pytest
 import yaml
 
 from pipeline.records.errors import UserError
-from pipeline.records.tables import MERGED, write_table
+from pipeline.records.flat import PAIR_GRASPS
 from pipeline.share import GRASP_COLUMNS, load_grasps
+from tests.pairs import write_pairs
 from tests.share.made_up import PARAMETERS, merged, write_tables
 
 
@@ -55,7 +56,7 @@ def test_pairs_are_those_of_the_parameter_each_with_its_own_rows(folder):
     tables = {second: merged("cube", second, generator) for second in ("jar", "can", "tin")}
     tables["jar"]["sweep_penetrations"] = [0, None, 1, 2, 3]
     tables["can"]["sweep_penetrations"] = [4, 5, 6, 7, 8]
-    write_table(folder / "data/merge/cube.parquet", pd.concat(tables.values()), MERGED)
+    write_pairs(folder / "data/merge/cube.parquet", pd.concat(tables.values()), PAIR_GRASPS)
     names = {"pinch": ["cube"], "side": ["jar", "can", "tin"]}
     chosen = PARAMETERS | {"styles": names, "pairs": [["cube", "can"], ["cube", "jar"]]}
     (folder / "params.yaml").write_text(yaml.safe_dump(chosen))
@@ -63,7 +64,7 @@ def test_pairs_are_those_of_the_parameter_each_with_its_own_rows(folder):
     assert list(grasps["object1"]) == ["jar"] * 5 + ["can"] * 5  # in the order of the styles
     np.testing.assert_array_equal(np.stack(grasps["q"][5:]), np.stack(tables["can"]["q"]))
     alone = load_grasps(folder, second="can", only_accepted=False)
-    write_table(folder / "data/merge/cube.parquet", tables["can"], MERGED)  # as if there were no other pair
+    write_pairs(folder / "data/merge/cube.parquet", tables["can"], PAIR_GRASPS)  # as if there were no other pair
     pd.testing.assert_frame_equal(load_grasps(folder, second="can", only_accepted=False), alone)
 
 
@@ -158,4 +159,4 @@ def test_columns_that_a_later_version_adds_do_no_harm(folder):
     path = folder / "data/merge/cube.parquet"
     table = pq.read_table(path)
     pq.write_table(table.append_column("mood", pa.array([1.0] * len(table))), path)
-    assert list(load_grasps(folder).columns) == ["source", *MERGED.names]
+    assert list(load_grasps(folder).columns) == ["source", *PAIR_GRASPS.names]

@@ -11,7 +11,7 @@ import pytest
 import trimesh
 import yaml
 
-from pipeline.hand.allegro import load_hand
+from pipeline.hand.model import load_hand
 from pipeline.records.objects import write_mesh
 from pipeline.share import export
 from pipeline.share.released import released_contact_indices
@@ -103,7 +103,7 @@ def test_a_pair_keeps_what_its_single_grasps_were(folder):
     rows = pd.read_parquet("data/merge/plum.parquet")
     rows = rows[rows["rejected_by"] == ""]
     single = pd.read_parquet("data/validate/pinch/plum.parquet").set_index("grasp_id")
-    hand = load_hand()
+    hand = load_hand("allegro")
     of_three = rows[[len(single["contact_candidates"][number]) == 3 for number in rows["grasp0_id"]]]
     with h5py.File("pairs-3-2.h5") as file:
         assert np.allclose(file["object_0_qpos"][:], np.stack(single["q"][of_three["grasp0_id"]]), atol=1e-6)
@@ -117,7 +117,7 @@ def test_a_pair_keeps_what_its_single_grasps_were(folder):
 
 
 def test_contact_indices_are_a_permutation_of_the_143_candidates():
-    indices = released_contact_indices(load_hand())
+    indices = released_contact_indices(load_hand("allegro"))
     assert sorted(indices) == list(range(143))
     assert sorted(indices[:12]) == list(range(12))  # the palm comes first in both
 

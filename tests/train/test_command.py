@@ -12,11 +12,13 @@ import trimesh
 import yaml
 
 from pipeline.records import paths
+from pipeline.records.flat import PAIR_GRASPS, read_flat
 from pipeline.records.objects import write_prepared_object
 from pipeline.records.reconstructions import ReconstructedObject, write_reconstruction
-from pipeline.records.tables import MERGED, read_table, write_table
+from pipeline.records.tables import MERGED, read_table
 from pipeline.sample import __main__ as sample
 from pipeline.train import __main__ as stage
+from tests.pairs import write_pairs
 from tests.train.conftest import FIRSTS, SECONDS
 
 CAPTURE = "shown"
@@ -50,11 +52,11 @@ def workplace(tmp_path_factory, repository: Path, objects, tables) -> Path:
     found: dict[str, list[pd.DataFrame]] = {}
     for (first, _), table in tables.items():
         full = table.assign(squeeze_q=table["q"], fingers0="thumb+index", fingers1="ring+palm")
-        for name in set(MERGED.names) - set(full.columns):
+        for name in set(PAIR_GRASPS.names) - set(full.columns):
             full[name] = None
         found.setdefault(first, []).append(full)
     for first, frames in found.items():
-        write_table(folder / paths.merged_file(first), pd.concat(frames), MERGED)
+        write_pairs(folder / paths.merged_file(first), pd.concat(frames), PAIR_GRASPS)
     return folder
 
 
@@ -89,7 +91,7 @@ LEARNED = ("--source", "learned")
 
 def test_samples_of_a_pair_are_a_merged_table_that_does_not_depend_on_workers(model, workplace):
     assert sample.main([*LEARNED, "--object", "cube"]) == 0
-    rows = read_table(paths.sampled_file("learned", "cube"), MERGED, "sample@learned")
+    rows = read_flat(paths.sampled_file("learned", "cube"), PAIR_GRASPS, "sample@learned")
     assert list(dict.fromkeys(rows["object1"])) == list(SECONDS)
     for _, own in rows.groupby("object1"):
         assert own["merged_id"].tolist() == list(range(len(own)))
@@ -139,7 +141,7 @@ def test_reconstructed_objects_are_all_that_sampling_knows(model, workplace, obj
     finally:
         Path("away").rename(prepared)
     assert paths.sampled_file("reconstructed", "cube").read_bytes() == first
-    rows = read_table(paths.sampled_file("reconstructed", "cube"), MERGED, "")
+    rows = read_flat(paths.sampled_file("reconstructed", "cube"), PAIR_GRASPS, "")
     assert (rows["rejected_by"] == "").sum() == 3 and set(rows["object1"]) == {"can"}
     assert set(json.loads(paths.sample_quality_file("reconstructed").read_text())["cube"]) == {"can"}
     assert sample.main(["--source", "reconstructed", "--object", "can"]) == 2
@@ -157,7 +159,7 @@ def test_own_files_give_ranked_grasps_in_the_frames_of_the_files(model, tmp_path
     rows = read_table(tmp_path / "out/grasps.parquet", MERGED, "")
     assert len(rows) == 2 and len(json.loads((tmp_path / "out/grasps.json").read_text())) == 2
     # The box lies far from its file's origin, the hand near the box.
-    assert np.linalg.norm(rows["position_hand_object0"][0]) > 3
+    assert np.linalg.norm(rows["positions_hand_object"][0][0]) > 3
     page = (tmp_path / "out/grasps.html").read_text()
     assert "grasp 2" in page and 'src="http' not in page
 

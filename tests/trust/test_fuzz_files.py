@@ -11,7 +11,10 @@ import pyarrow as pa
 import pytest
 from hypothesis import given
 
+from pipeline.records.flat import PAIR_GRASPS, read_flat
 from pipeline.records.tables import MERGED, read_table, write_table
+from tests.evaluate.conftest import GROUPS, HAND
+from tests.pairs import PAIR
 from tests.trust.damage import damaged, edits, examples, valid_or_one_sentence
 
 
@@ -127,19 +130,16 @@ def test_pictures(place, pictures, name, changes):
 
 def merged_rows(count: int = 2) -> pd.DataFrame:
     """Made-up grasps with everything set."""
+    vector, names = [1.0, *[0.0] * 15], ["cube", "soup_can"]
+    own = {"objects": names, "fingers": ["", ""], "gravity_drift": vector, "rejected_by": ""}
     rows = []
     for number in range(count):
         row = {}
         for field in MERGED:
             kind = field.type
-            if pa.types.is_fixed_size_list(kind):
-                row[field.name] = [1.0] + [0.0] * (kind.list_size - 1)
-            elif pa.types.is_list(kind):
-                row[field.name] = [1.0] + [0.0] * (2 if "direction" in field.name else 15)
-            elif pa.types.is_string(kind):
-                row[field.name] = {"object0": "cube", "object1": "soup_can"}.get(field.name, "")
-            else:
-                row[field.name] = number
+            part = kind.value_type if pa.types.is_list(kind) else kind
+            value = vector[: part.list_size] if pa.types.is_fixed_size_list(part) else number
+            row[field.name] = own.get(field.name, [value] * 2 if pa.types.is_list(kind) else value)
         rows.append(row)
     return pd.DataFrame(rows)
 
@@ -162,10 +162,10 @@ def test_tables_of_grasps(place, merged_table, changes):
     source = place / "table.parquet"
     source.write_bytes(damaged(merged_table, changes))
     folder = WorkingFolder(place)
-    valid_or_one_sentence(lambda: accepted_grasps(read_table(source, MERGED, "merge@cube")))
-    valid_or_one_sentence(lambda: grasps_of(read_table(source, MERGED, "merge@cube")))
+    valid_or_one_sentence(lambda: accepted_grasps(read_table(source, MERGED, "merge@cube"), HAND, GROUPS))
+    valid_or_one_sentence(lambda: grasps_of(read_flat(source, PAIR_GRASPS, "merge@cube")))
     valid_or_one_sentence(lambda: read_columns(folder, Path("table.parquet"), MERGED, "merge@cube"))
-    valid_or_one_sentence(lambda: _grasp(Choice(source)))
+    valid_or_one_sentence(lambda: _grasp(Choice(source), HAND, PAIR))
     source.unlink()
 
 
@@ -191,17 +191,17 @@ def test_recordings(place, recording, changes):
     source.unlink()
 
 
+Q, X, DOWN = [0.0] * 16, [1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]
 WRONG = {
     "merged_id": [None],
     "q": [[float("nan")] * 16, [float("inf")] * 16],
     "squeeze_q": [[1e400] * 16],
-    "open_q0": [None, [], [0.0] * 15, [None] * 16],
-    "open_q1": [[0.0] * 17],
-    "approach_direction0": [None, [1.0, 0.0]],
-    "approach_direction1": [[float("nan")] * 3],
-    "position_hand_object0": [[float("inf"), 0.0, 0.0]],
-    "quaternion_hand_object1": [[0.0] * 4, [2.0, 0.0, 0.0, 0.0]],
-    "object0": [None, "../../../etc", "a/b", ""],
+    "open_q": [None, [], [Q], [[None] * 16, Q], [Q, None]],
+    "approach_directions": [None, [X], [X, [float("nan")] * 3]],
+    "approach_lengths": [None, [None]],
+    "positions_hand_object": [[[float("inf"), 0.0, 0.0], X], [X]],
+    "quaternions_hand_object": [[DOWN, [0.0] * 4], [DOWN, [2.0, 0.0, 0.0, 0.0]]],
+    "objects": [None, [], ["cube"], [None, "cube"], ["../../../etc", "cube"], ["a/b", "cube"], ["", "cube"]],
 }
 
 
@@ -212,10 +212,10 @@ def test_a_grasp_from_elsewhere_that_is_none_is_refused(place, column, value):
 
     source = place / "table.parquet"
     rows = merged_rows()
-    rows[column] = [value] * len(rows)
+    rows[column] = pd.Series([value] * len(rows), dtype=object)
     try:
         write_table(source, rows, MERGED)
     except pa.ArrowInvalid:
         pytest.skip("no such table can be written")
-    assert valid_or_one_sentence(lambda: _grasp(Choice(source)))
+    assert valid_or_one_sentence(lambda: _grasp(Choice(source), HAND, PAIR))
     source.unlink()

@@ -9,7 +9,6 @@ from hypothesis import given
 
 from pipeline.records.captures import read_capture, read_truth
 from pipeline.records.parameters import read_parameters
-from pipeline.records.parameters.several import read_sequence
 from pipeline.share.project import WorkingFolder, objects_of
 from tests.trust.damage import damaged, edits, examples, valid_or_one_sentence
 
@@ -43,14 +42,6 @@ def test_params(place, repository, changes):
     source.write_bytes(damaged((repository / "params.yaml").read_bytes()[:1500], changes))
     valid_or_one_sentence(lambda: read_parameters(source))
     valid_or_one_sentence(lambda: objects_of(WorkingFolder(place)))
-
-
-@examples(25)
-@given(changes=edits)
-def test_sequences(place, repository, changes):
-    source = place / "three.yaml"
-    source.write_bytes(damaged((repository / "conf/several/three.yaml").read_bytes(), changes))
-    valid_or_one_sentence(lambda: read_sequence(source))
 
 
 @pytest.mark.parametrize("name", ["tags.yaml", "scene.yaml", "intrinsics.yaml", "gt/cameras.json"])

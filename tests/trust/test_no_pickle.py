@@ -165,7 +165,6 @@ ORDERS = ["!!python/object/apply:os.mknod ['{}']", "!!python/object/new:os.mknod
 def test_yaml_makes_no_objects(tmp_path, canary, order):
     from pipeline.records.captures import read_capture
     from pipeline.records.parameters import read_parameters
-    from pipeline.records.parameters.several import read_sequence
     from pipeline.share.project import WorkingFolder, objects_of
 
     text = f"styles: {order.format(canary)}\n"
@@ -173,7 +172,6 @@ def test_yaml_makes_no_objects(tmp_path, canary, order):
     folder = capture(tmp_path / "capture")
     (folder / "tags.yaml").write_text(text)
     assert "YAML" in valid_or_one_sentence(lambda: read_parameters(tmp_path / "params.yaml"))
-    assert "YAML" in valid_or_one_sentence(lambda: read_sequence(tmp_path / "params.yaml"))
     assert valid_or_one_sentence(lambda: objects_of(WorkingFolder(tmp_path)))
     assert "YAML" in valid_or_one_sentence(lambda: read_capture(folder))
     assert not canary.exists()

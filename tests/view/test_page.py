@@ -18,9 +18,10 @@ from PIL import Image
 from pipeline.hand.model import load_hand
 from pipeline.records import paths
 from pipeline.records.errors import UserError
+from pipeline.records.flat import PAIR_GRASPS, PAIR_TRIALS
 from pipeline.records.objects import write_prepared_object
 from pipeline.records.parameters import read_parameters
-from pipeline.records.tables import CANDIDATES, MERGED, TRIALS, VALIDATED, write_table
+from pipeline.records.tables import CANDIDATES, VALIDATED, write_table
 from pipeline.report.meanings import VALIDATION
 from pipeline.view import browse, facts, scenes
 from pipeline.view.choice import turned_to
@@ -37,6 +38,7 @@ from pipeline.view.tables import (
     sponge_height,
 )
 from tests.browser import needs_chromium, open_page
+from tests.pairs import write_pairs
 from tests.report import made_up
 from tests.view.made_up import box, write_parameters
 
@@ -58,9 +60,9 @@ def project(bare: Path) -> Path:
     for style, name in (("pinch", "cube"), ("side", "soup_can")):
         write_table(paths.candidates_file(style, name), made_up.candidates(style, name), CANDIDATES)
         write_table(paths.validated_file(style, name), made_up.validated(style, name), VALIDATED)
-    write_table(paths.merged_file("cube"), made_up.merged("cube", "soup_can"), MERGED)
-    write_table(paths.trials_file("synthesized", "cube"), made_up.trials("cube", ["soup_can"]), TRIALS)
-    write_table(paths.harder_file("placement"), made_up.trials("cube", ["soup_can"]), TRIALS)
+    write_pairs(paths.merged_file("cube"), made_up.merged("cube", "soup_can"), PAIR_GRASPS)
+    write_pairs(paths.trials_file("synthesized", "cube"), made_up.trials("cube", ["soup_can"]), PAIR_TRIALS)
+    write_pairs(paths.harder_file("placement"), made_up.trials("cube", ["soup_can"]), PAIR_TRIALS)
     return bare
 
 
@@ -112,7 +114,7 @@ def test_index_names_every_row(project: Path) -> None:
 
 def test_pairs_share_a_table_and_have_rows_of_their_own(project: Path) -> None:
     pairs = [made_up.merged("cube", "soup_can"), made_up.merged("cube", "mug", accepted=3)]
-    write_table(paths.merged_file("cube"), pd.concat(pairs), MERGED)
+    write_pairs(paths.merged_file("cube"), pd.concat(pairs), PAIR_GRASPS)
     library = Library(read_parameters(), HAND)
     index = library.index(MERGED_VIEW)[0].set_index("name", drop=False)
     assert list(index["second"]) == ["soup_can"] * 3 + ["mug"] * 4
@@ -127,7 +129,7 @@ def test_tables_are_read_again_when_they_change_and_only_then(project: Path) -> 
     assert library.index(MERGED_VIEW)[0].equals(library.index(MERGED_VIEW)[0])
     first = library._once("index", paths.merged_file("cube"), lambda: pytest.fail("was not kept"))
     assert len(first) == 3
-    write_table(paths.merged_file("cube"), made_up.merged("cube", "soup_can", accepted=1), MERGED)
+    write_pairs(paths.merged_file("cube"), made_up.merged("cube", "soup_can", accepted=1), PAIR_GRASPS)
     assert len(library.index(MERGED_VIEW)[0]) == 2
     with pytest.raises(UserError, match="row 2"):
         library.row(line)

@@ -31,8 +31,9 @@ from pipeline.records.parameters.harder import HarderParameters, overridden
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.names import require_name
 from pipeline.records.parameters.objects import MeshParameters, ObjectParameters, StylesParameters
-from pipeline.records.parameters.pairs import PairsParameter, partners
+from pipeline.records.parameters.pairs import PairsParameter, sequences
 from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.parameters.picks import PickParameters, check_picks, objects_of
 from pipeline.records.parameters.prepare import PrepareParameters
 from pipeline.records.parameters.reconstruct import ReconstructParameters
 from pipeline.records.parameters.report import ReportParameters, TrackParameters
@@ -52,7 +53,9 @@ OBJECT_NAME = re.compile(r"[a-z][a-z0-9_]*")
 class Parameters(Section):
     """The whole of ``params.yaml``."""
 
-    scale: Literal["demo", "paper", "tiny"] = Field(description="Scale: the file of conf/scale that was composed.")
+    scale: Literal["demo", "paper", "three", "tiny"] = Field(
+        description="Scale: the file of conf/scale that was composed."
+    )
     preset: Literal["ours", "official", "published_model"] = Field(
         description="Preset: the file of conf/preset that was composed."
     )
@@ -64,9 +67,13 @@ class Parameters(Section):
     pairs: PairsParameter = Field(
         "all",
         description="Objects that are picked one after the other: `all` pairs every object of styles.pinch with every "
-        "object of styles.side; a number gives each first object that many partners, drawn evenly from "
-        "the seed; a list "
-        "names the pairs as [first, second]. Paper: all.",
+        "object of styles.side; a number gives each first object that many partners, drawn evenly from the seed; a "
+        "list names the pairs as [first, second]. With more than two picks: `all`, or a list of sequences. Paper: all.",
+    )
+    picks: tuple[PickParameters, ...] = Field(
+        tuple(PickParameters.model_validate({"style": style}) for style in ("pinch", "side")),
+        description="The sequence, object by object: how each object is held, and where it stands. Paper: a pinch, "
+        "then a grasp with ring finger and palm.",
     )
     objects: dict[str, ObjectParameters] = Field({}, description="Objects from packages and recipes, by name.")
     meshes: dict[str, MeshParameters] = Field({}, description="Objects from the user's own mesh files, by name.")
@@ -113,14 +120,24 @@ class Parameters(Section):
 
     @model_validator(mode="after")
     def _pairs_agree(self) -> Parameters:
+        check_picks(self.picks, dict(self.styles))
+        if isinstance(self.pairs, int) and len(self.picks) > 2:
+            raise ValueError("pairs: only partners of two objects are drawn; name the sequences, or write all")
         if isinstance(self.pairs, list):
-            for first, second in self.pairs:
-                if first not in self.styles.pinch or second not in self.styles.side:
+            known = [objects_of(pick, dict(self.styles)) for pick in self.picks]
+            for names in self.pairs:
+                if len(names) != len(known):
                     raise ValueError(
-                        f"pairs: {first} is not in styles.pinch, or {second} is not in styles.side; add it there"
+                        f"pairs: {', '.join(names)} has {len(names)} objects, but picks has {len(known)}; list as many"
                     )
+                for number, (name, own) in enumerate(zip(names, known, strict=True)):
+                    if name not in own:
+                        raise ValueError(f"pairs: {name} is not in styles.{self.picks[number].style}; add it there")
             if len(set(self.pairs)) != len(self.pairs):
                 raise ValueError("pairs lists a pair twice; remove one")
+        for pick in self.picks:
+            if pick.post is not None and pick.post.margin < self.evaluate.perturbation:
+                raise ValueError("picks: the margin of a post must be at least evaluate.perturbation")
         return self
 
     @model_validator(mode="after")
@@ -193,11 +210,11 @@ class Parameters(Section):
     def _harder_settings_agree(self) -> Parameters:
         if self.hand != ALLEGRO:  # then nothing reads them, and a composed file keeps those of its scale
             return self
-        known = self.partners()
-        for first, second in self.harder.pairs:
-            if second not in known.get(first, ()):
+        known = set(self.sequences())
+        for names in self.harder.pairs:
+            if names not in known:
                 raise ValueError(
-                    f"harder.pairs: {first}, {second} is not a pair according to styles and pairs; remove it"
+                    f"harder.pairs: {', '.join(names)} is not a pair according to styles and pairs; remove it"
                 )
         if self.harder.settings and self.harder.trials > self.evaluate.trials:
             raise ValueError(f"harder.trials must not exceed evaluate.trials ({self.evaluate.trials})")
@@ -232,9 +249,17 @@ class Parameters(Section):
                 )
         return self
 
+    def sequences(self) -> list[tuple[str, ...]]:
+        """Return the objects of every sequence, in the order of picking."""
+        own = [objects_of(pick, dict(self.styles)) for pick in self.picks]
+        return sequences(own, self.pairs, self.seed)
+
     def partners(self) -> dict[str, tuple[str, ...]]:
-        """Return, for each first object, the objects that are picked after it."""
-        return partners(self.styles.pinch, self.styles.side, self.pairs, self.seed)
+        """Return, for each first object, the objects that are picked after it in a sequence of two."""
+        found: dict[str, list[str]] = {first: [] for first in objects_of(self.picks[0], dict(self.styles))}
+        for first, second, *_ in self.sequences():
+            found[first].append(second)
+        return {first: tuple(seconds) for first, seconds in found.items()}
 
 
 def _inside(path: str, folder: Path) -> bool:
@@ -288,24 +313,41 @@ def load_with_workers(
     return {name: _section(parameters, name, source) for name in sections}, parameters.compute
 
 
-def chosen_pairs(parameters: Mapping[str, Any], first: str = "") -> dict[str, tuple[str, ...]]:
-    """Return, for each first object, the objects that are picked after it.
+def chosen_sequences(parameters: Mapping[str, Any], first: str = "") -> list[tuple[str, ...]]:
+    """Return the objects of every sequence, in the order of picking.
 
     Args:
-        parameters: the sections ``seed``, ``styles`` and ``pairs``, and any others.
-        first: return the partners of this object only, if given.
+        parameters: the sections ``seed``, ``styles``, ``pairs`` and ``picks``, and any others.
+        first: return only the sequences that begin with this object, if given.
 
     Raises:
-        UserError: ``styles.pinch`` does not list ``first``.
+        UserError: there is no such first object.
     """
-    styles: StylesParameters = parameters["styles"]
-    known = partners(styles.pinch, styles.side, parameters["pairs"], parameters["seed"])
-    if first and first not in known:
+    picks, styles = parameters["picks"], dict(parameters["styles"])
+    own = [objects_of(pick, styles) for pick in picks]
+    if first and first not in own[0]:
         raise UserError(
-            f"{paths.PARAMETERS_FILE}: styles.pinch does not list {first!r}; add it there, or use one of "
-            f"{', '.join(known) or 'none'}."
+            f"{paths.PARAMETERS_FILE}: styles.{picks[0].style} does not list {first!r}; add it there, or use one of "
+            f"{', '.join(own[0]) or 'none'}."
         )
-    return {first: known[first]} if first else known
+    return [names for names in sequences(own, parameters["pairs"], parameters["seed"]) if first in ("", names[0])]
+
+
+def chosen_pairs(parameters: Mapping[str, Any], first: str = "") -> dict[str, tuple[str, ...]]:
+    """Return, for each first object, the objects that are picked after it; see :func:`chosen_sequences`.
+
+    Raises:
+        UserError: as there, or sequences are longer than two.
+    """
+    found: dict[str, list[str]] = {}
+    for names in chosen_sequences(parameters, first):
+        if len(names) != 2:
+            raise UserError(
+                f"{paths.PARAMETERS_FILE}: picks has {len(names)} entries, but the learned model knows two objects; "
+                "run `./dev repro evaluate@synthesized`, which does without it, or name two."
+            )
+        found.setdefault(names[0], []).append(names[1])
+    return {name: tuple(seconds) for name, seconds in found.items()}
 
 
 def require_allegro(parameters: Parameters, source: Path = paths.PARAMETERS_FILE) -> None:

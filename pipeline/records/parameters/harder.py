@@ -33,7 +33,7 @@ class HarderSetting(Section):
 class HarderParameters(Section):
     """Which pairs are tried, how often, and in which settings."""
 
-    pairs: list[tuple[str, str]] = Field([], description="Pairs to try in every setting, as [first, second].")
+    pairs: list[tuple[str, ...]] = Field([], description="Pairs to try in every setting, as [first, second].")
     trials: int = Field(
         25,
         ge=1,

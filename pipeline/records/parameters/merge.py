@@ -1,4 +1,4 @@
-"""`merge`: two-object grasps from validated single-object grasps."""
+"""`merge`: grasps of several objects from validated single-object grasps."""
 
 from __future__ import annotations
 
@@ -37,6 +37,13 @@ class MergeParameters(Section):
     )
     physics_test: bool = Field(
         True, description="Also test whether the hand holds both objects under gravity from all directions."
+    )
+    approach_clearance: float | None = Field(
+        None,
+        ge=0,
+        description="[m] Minimum distance of the hand to each object after the first on the straight approach to it, "
+        "except where they touch at the end; null: they must only not overlap. Needed with more than two objects, "
+        "where fingers that hold other objects cannot open.",
     )
     most_per_grasp: int = Field(
         4, ge=1, description="Maximum number of accepted two-object grasps that share a single-object grasp."

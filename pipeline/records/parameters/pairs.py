@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import product
 from typing import Annotated, Literal
 
 import numpy as np
@@ -12,7 +13,7 @@ from pydantic import Field
 
 from pipeline.stages.seeds import item_seed
 
-PairsParameter = Literal["all"] | Annotated[int, Field(ge=1)] | list[tuple[str, str]]
+PairsParameter = Literal["all"] | Annotated[int, Field(ge=1)] | list[tuple[str, ...]]
 
 LEAST, MOST = 0.5, 1.5  # partners of a second object, in parts of an even share
 
@@ -42,6 +43,22 @@ def partners(
         first: tuple(second for second, is_chosen in zip(seconds, row, strict=True) if is_chosen)
         for first, row in zip(firsts, chosen, strict=True)
     }
+
+
+def sequences(objects: Sequence[Sequence[str]], pairs: PairsParameter, seed: int) -> list[tuple[str, ...]]:
+    """Return the objects of every sequence, in the order of ``objects``.
+
+    Args:
+        objects: those of each pick.
+        pairs, seed: see :func:`partners`; a number is for two picks alone.
+    """
+    if len(objects) == 2:
+        chosen = partners(objects[0], objects[1], pairs, seed)
+        return [(first, second) for first, seconds in chosen.items() for second in seconds]
+    if not isinstance(pairs, list):
+        return list(product(*objects))
+    places = [{name: place for place, name in enumerate(own)} for own in objects]
+    return sorted(pairs, key=lambda names: [own[name] for own, name in zip(places, names, strict=True)])
 
 
 def _drawn(firsts: Sequence[str], seconds: Sequence[str], count: int, seed: int) -> NDArray[np.bool_]:

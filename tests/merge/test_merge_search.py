@@ -9,23 +9,24 @@ import pandas as pd
 import pytest
 
 from pipeline.compute.pool import run_one
-from pipeline.hand.allegro import RING_LINKS, load_hand
 from pipeline.hand.kinematics import link_poses
-from pipeline.merge.pairs import merging, summary
-from pipeline.pairing.combination import Pair, try_combination
+from pipeline.hand.parts import part_links
+from pipeline.merge.search import Inputs, merging, summary
+from pipeline.pairing.combination import CHECKS, check_combination
 from pipeline.pairing.grasps import distinct_grasps
-from pipeline.pairing.readiness import ready_first, settling_physics
+from pipeline.pairing.readiness import ready
+from pipeline.pairing.task import task_of
+from pipeline.records.merge_reasons import MergeReason
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.records.tables import MERGED, read_table, write_table
-from tests.merge.constructed import box, cylinder, pinch, side
+from tests.merge.constructed import GROUPS, HAND, box, cylinder, pair, pinch, side
+from tests.pairs import PAIR
 
-HAND = load_hand()
 
-
-def pair(**settings) -> Pair:
-    return Pair(box(), cylinder(), MergeParameters(**settings), PhysicsParameters(), ValidateParameters())
+def row_of(task, *singles):
+    return check_combination(task, [ready(task, number, single) for number, single in enumerate(singles)])
 
 
 def in_hand_at_object_1():
@@ -35,9 +36,8 @@ def in_hand_at_object_1():
 
 def in_thumb():
     """A side grasp whose object stands in a joint of the thumb."""
-    hand = load_hand()
     T = side().T_object_hand.copy()
-    T[:3, 3] = -T[:3, :3] @ link_poses(hand, pinch().q[None])[0, hand.link("link_14.0"), :3, 3]
+    T[:3, 3] = -T[:3, :3] @ link_poses(HAND, pinch().q[None])[0, HAND.link("link_14.0"), :3, 3]
     return replace(side(), T_object_hand=T)
 
 
@@ -60,11 +60,11 @@ def with_mount_low():
     ],
 )
 def test_fate_of_a_combination(first, second, fate: str) -> None:
-    row = try_combination(pair(), ready_first(box(), PhysicsParameters(), first), second)
-    assert row["rejected_by"] == fate
+    row = row_of(pair(), first, second)
+    assert row["rejected_by"] == fate and fate in ["", *MergeReason]
     assert set(row) == set(MERGED.names)
     if fate == "":
-        assert row["object_clearance"] > 0 and row["sweep_penetrations"] == 0
+        assert row["object_clearance"] > 0 and row["sweep_penetrations"] == [None, 0]
         assert max(row["gravity_drift"]) < 0.02 and len(row["gravity_drift"]) == 6
 
 
@@ -75,19 +75,25 @@ def several(count: int):
     return firsts, seconds
 
 
-def tables_of(pairs, physics, firsts, seconds, generators, workers) -> dict[str, pd.DataFrame]:
+def tables_of(inputs: dict[str, Inputs], workers: int) -> dict[str, pd.DataFrame]:
     tables: dict[str, pd.DataFrame] = {}
-    run_one(merging(pairs, physics, firsts, seconds, generators, tables.__setitem__), workers, "merge")
+    run_one(merging(inputs, tables.__setitem__), workers, "merge")
     return tables
 
 
 def all_merged(workers: int, seconds: dict, **settings) -> dict[str, pd.DataFrame]:
     settings = {"grasps_per_pair": 6, "most_per_grasp": 2, "distinct_distance": 0.0, "physics_test": False} | settings
     firsts, _ = several(6)
-    pairs = {name: pair(**settings) for name in seconds}
-    physics = PhysicsParameters() if settings["physics_test"] else None
-    generators = {name: np.random.default_rng(4 + len(name)) for name in seconds}
-    return tables_of(pairs, physics, firsts, seconds, generators, workers)
+    task = pair(**settings)
+    inputs = {
+        name: Inputs(
+            replace(task, objects=(box(), replace(cylinder(), name=name))),
+            (firsts, own),
+            np.random.default_rng(4 + len(name)),
+        )
+        for name, own in seconds.items()
+    }
+    return tables_of(inputs, workers)
 
 
 def merged(workers: int, **settings) -> pd.DataFrame:
@@ -96,9 +102,13 @@ def merged(workers: int, **settings) -> pd.DataFrame:
 
 def test_settling_is_a_test_with_a_floating_hand() -> None:
     physics, validate = PhysicsParameters(contact_offset=0.03), ValidateParameters(contact_offset=0.004)
-    assert settling_physics(MergeParameters(physics_test=False), physics, validate) is None
-    settling = settling_physics(MergeParameters(physics_test=True), physics, validate)
-    assert settling == PhysicsParameters(contact_offset=0.004)
+
+    def task(physics_test: bool):
+        merge = MergeParameters(physics_test=physics_test)
+        return task_of(HAND, PAIR, (box(), cylinder()), merge, physics, validate)
+
+    assert task(physics_test=False).settling_physics is None
+    assert task(physics_test=True).settling_physics == PhysicsParameters(contact_offset=0.004)
 
 
 def test_wanted_number_is_reached_balanced_and_without_repetition() -> None:
@@ -106,10 +116,10 @@ def test_wanted_number_is_reached_balanced_and_without_repetition() -> None:
     accepted = table[table.rejected_by == ""]
     assert len(accepted) == 6
     assert table.merged_id.tolist() == list(range(len(table)))
-    assert not table.duplicated(["grasp0_id", "grasp1_id"]).any()
-    for column in ("grasp0_id", "grasp1_id"):
-        assert max(Counter(accepted[column]).values()) <= 2
-    assert (table[table.grasp1_id % 3 == 2].rejected_by == "mount_clearance").all()
+    assert not table.grasp_ids.map(tuple).duplicated().any()
+    for ids in zip(*accepted.grasp_ids, strict=True):
+        assert max(Counter(ids).values()) <= 2
+    assert (table[table.grasp_ids.map(lambda ids: ids[1] % 3 == 2)].rejected_by == "mount_clearance").all()
     assert "6 accepted" in summary(table) and "mount_clearance" in summary(table)
 
 
@@ -118,23 +128,22 @@ def test_result_does_not_depend_on_workers(tmp_path) -> None:
         write_table(tmp_path / f"{workers}.parquet", merged(workers, physics_test=True), MERGED)
     assert (tmp_path / "1.parquet").read_bytes() == (tmp_path / "2.parquet").read_bytes()
     back = read_table(tmp_path / "1.parquet", MERGED, "merge")
-    assert len(back) > 6 and back[back.rejected_by != ""].open_q1.isna().all()
+    assert len(back) > 6 and all(len(own) < 2 for own in back[back.rejected_by != ""].open_q)
 
 
 def test_limits_end_the_search() -> None:
     assert len(merged(1, most_combinations=5)) == 5
     few = merged(1, grasps_per_pair=40)  # 4 usable side grasps, twice each
     assert (few.rejected_by == "").sum() == 8
-    nothing = tables_of({"can": pair()}, None, [], {"can": [side()]}, {"can": np.random.default_rng(0)}, 1)["can"]
+    nothing = tables_of({"can": Inputs(pair(physics_test=False), ([], [side()]), np.random.default_rng(0))}, 1)["can"]
     assert len(nothing) == 0 and list(nothing.columns) == MERGED.names
     assert summary(nothing) == "0 accepted of 0 tried"
 
 
 def hand_around_object(single) -> np.ndarray:
     """Positions, object frame, of the links that a merged grasp takes from a single one."""
-    own = [
-        name for name in HAND.link_names if ("ring" in single.fingers) == (name in RING_LINKS) or name == "base_link"
-    ]
+    ring = part_links(["ring"], HAND)
+    own = [name for name in HAND.link_names if ("ring" in single.fingers) == (name in ring) or name == "base_link"]
     T = single.T_object_hand @ link_poses(HAND, single.q[None])[0, [HAND.link(name) for name in own]]
     return T[:, :3, 3]
 
@@ -147,14 +156,14 @@ def test_merged_grasps_are_distinct() -> None:
         T[0, 3] += 0.0011 * index
         return replace(single, grasp_id=index, T_object_hand=T)
 
-    firsts = distinct_grasps([shifted(pinch(), index) for index in range(7)], 0.003)
-    seconds = distinct_grasps([shifted(side(), index) for index in range(7)], 0.003)
+    firsts = distinct_grasps(HAND, [shifted(pinch(), index) for index in range(7)], GROUPS, 0, 0.003)
+    seconds = distinct_grasps(HAND, [shifted(side(), index) for index in range(7)], GROUPS, 1, 0.003)
     settings = {"grasps_per_pair": 9, "most_per_grasp": 3, "clearance": -1.0, "penetration_tolerance": 1.0}
     chosen = pair(**settings, mount_clearance=-1.0, physics_test=False)
-    table = tables_of({"can": chosen}, None, firsts, {"can": seconds}, {"can": np.random.default_rng(0)}, 1)["can"]
+    table = tables_of({"can": Inputs(chosen, (firsts, seconds), np.random.default_rng(0))}, 1)["can"]
     assert (table.rejected_by == "").all() and len(table) == 9
     of_id = [{single.grasp_id: hand_around_object(single) for single in singles} for singles in (firsts, seconds)]
-    halves = [(of_id[0][a], of_id[1][b]) for a, b in zip(table.grasp0_id, table.grasp1_id, strict=True)]
+    halves = [(of_id[0][a], of_id[1][b]) for a, b in table.grasp_ids]
     for one, other in combinations(halves, 2):
         apart = [np.linalg.norm(a - b, axis=1).mean() for a, b in zip(one, other, strict=True)]
         assert max(apart) >= 0.003 - 1e-9
@@ -166,3 +175,10 @@ def test_a_pair_does_not_depend_on_its_neighbours() -> None:
     alone = all_merged(1, {"can": seconds}, grasps_per_pair=4)["can"]
     pd.testing.assert_frame_equal(beside["can"], alone)
     assert len(beside["empty"]) == 0 and (beside["bottle"].rejected_by == "").sum() == 4
+
+
+def test_reasons_come_in_the_order_of_the_checks() -> None:
+    """A new check is a function in ``CHECKS``: what fails several checks is rejected by the first."""
+    task = pair(physics_test=False)
+    assert row_of(task, in_hand_at_object_1(), with_mount_low())["rejected_by"] == "object_clearance"
+    assert len(CHECKS) == len(set(CHECKS)) and all(reason.meaning for reason in MergeReason)

@@ -1,0 +1,58 @@
+"""What is to be held by one hand: objects in the order of picking, the parts of the hand for each, and the limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pipeline.hand.model import Hand
+from pipeline.hand.support import Support, support_of
+from pipeline.pairing.grasps import Groups, fingers_of
+from pipeline.records.objects import PreparedObject
+from pipeline.records.parameters.merge import MergeParameters
+from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.parameters.picks import PickParameters
+from pipeline.records.parameters.validate import ValidateParameters
+
+# Parts of the hand that belong to an object held in a style, where a pick does not name them.
+STYLE_PARTS = {"pinch": ("thumb", "index", "middle"), "side": ("ring", "palm")}
+
+
+@dataclass(frozen=True)
+class Task:
+    """Objects in the order of picking and the settings of the checks; the same for all combinations of their grasps."""
+
+    hand: Hand
+    objects: tuple[PreparedObject, ...]
+    groups: Groups  # parts of the hand for each
+    supports: tuple[Support, ...]  # what each stands on
+    merge: MergeParameters
+    physics: PhysicsParameters
+    validate: ValidateParameters  # directions, limits and opening of the single grasps' tests
+
+    def waiting(self, number: int) -> tuple[str, ...]:
+        """Return the fingers that belong to the objects picked after one."""
+        return fingers_of(self.groups[number + 1 :])
+
+    @property
+    def settling_physics(self) -> PhysicsParameters | None:
+        """The physics in which objects settle in the floating hand; None when nothing is tested in physics."""
+        return self.validate.for_floating_hand(self.physics) if self.merge.physics_test else None
+
+
+def task_of(
+    hand: Hand,
+    picks: Sequence[PickParameters],
+    objects: Sequence[PreparedObject],
+    merge: MergeParameters,
+    physics: PhysicsParameters,
+    validate: ValidateParameters,
+) -> Task:
+    """Return the task of picking ``objects`` as ``picks`` say."""
+    supports = tuple(support_of(pick) for pick in picks)
+    return Task(hand, tuple(objects), groups_of(picks), supports, merge, physics, validate)
+
+
+def groups_of(picks: Sequence[PickParameters]) -> Groups:
+    """Return the parts of the hand that belong to each object."""
+    return tuple(tuple(pick.fingers or STYLE_PARTS[pick.style]) for pick in picks)
