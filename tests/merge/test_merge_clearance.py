@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from pipeline.hand.kinematics import link_poses
-from pipeline.hand.surface import T_LINK7_HAND
 from pipeline.pairing.clearance import (
     distance_to_links,
     finger_clearance,
@@ -126,7 +125,7 @@ def test_heights_follow_the_hand_and_the_plane() -> None:
     T[2, 3] += 0.05
     assert mount_height(T, cylinder()) == pytest.approx(low + 0.05)
     # Hand y is up: the mount's box is 34 mm thick there at most, its lowest corner is found from its own description.
-    flange_axis = transform_points(inverse_pose(T_LINK7_HAND), np.array([[0.0, 0.0, 0.107]]))[0]
+    flange_axis = transform_points(inverse_pose(HAND.mount.T_link7_hand), np.array([[0.0, 0.0, 0.107]]))[0]
     over_plane = transform_points(side().T_object_hand, flange_axis[None])[0, 2] - cylinder().bottom
     assert 0.02 < over_plane - low < 0.10  # the flange reaches 2 to 10 cm below its own axis
 

@@ -15,7 +15,7 @@ import yaml
 
 from pipeline.evaluate.scene import START_ARM, START_HAND, placed
 from pipeline.evaluate.sequence import Phase
-from pipeline.hand.robot import ROBOT_JOINT_NAMES
+from pipeline.hand.robot import robot_joint_names
 from pipeline.motion.arm_model import ARM_ACCELERATION, ArmModel
 from pipeline.plan import __main__ as command
 from pipeline.plan.limits import ARM_LOWER, ARM_UPPER, ARM_VELOCITY, Waypoints, check_limits, weight_torques
@@ -200,7 +200,7 @@ def test_weight_of_fingers_against_the_change_of_potential_energy() -> None:
 
     def energy(q: np.ndarray) -> float:
         configuration = np.zeros(model.nq)
-        for name, angle in zip(ROBOT_JOINT_NAMES, q, strict=True):
+        for name, angle in zip(robot_joint_names(HAND), q, strict=True):
             configuration[model.joints[model.getJointId(name)].idx_q] = angle
         return float(pin.computePotentialEnergy(model, data, configuration))
 
@@ -262,7 +262,7 @@ def workplace(tmp_path: Path, repository: Path, objects, grasp_row, monkeypatch)
 def test_command_writes_plan_and_dry_run(workplace: Path, capsys) -> None:
     assert command.main(["--table", "grasps.parquet", "--play", "--output", "out"]) == 0
     content = json.loads((workplace / "out/plan.json").read_text())
-    assert content["joint_names"] == list(ROBOT_JOINT_NAMES)
+    assert content["joint_names"] == list(robot_joint_names(HAND))
     assert content["grasp"] == {"merged_id": 1, "table": "grasps.parquet"} and content["within_limits"]
     assert [phase["name"] for phase in content["phases"]] == [*ORDER, "hold"]
     ends = [phase["end"] for phase in content["phases"]]
@@ -271,7 +271,7 @@ def test_command_writes_plan_and_dry_run(workplace: Path, capsys) -> None:
     assert all(check["passed"] and check["source"] for check in content["checks"])
     with open(workplace / "out/plan.csv", newline="") as file:
         header, *rows = csv.reader(file)
-    assert header[:2] == ["time", "phase"] and tuple(header[2:25]) == ROBOT_JOINT_NAMES and len(header) == 32
+    assert header[:2] == ["time", "phase"] and tuple(header[2:25]) == robot_joint_names(HAND) and len(header) == 32
     for row, waypoint in zip(rows, content["waypoints"], strict=True):
         numbers = [waypoint["time"], *waypoint["position"], *waypoint["arm_velocity"]]
         assert [row[1], *map(float, [row[0], *row[2:]])] == [waypoint["phase"], *numbers]
