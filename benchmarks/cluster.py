@@ -57,9 +57,12 @@ def digest_of(table: object) -> str:
 
 
 def main(style: str, name: str, candidates: int, rounds: int, most: int) -> None:
+    from pipeline.hand.model import load_hand
+    from pipeline.hand.support import PLANE
     from pipeline.validate.table import validate_table
 
-    parameters = load_parameters(["physics", "validate"])
+    parameters = load_parameters(["hand", "physics", "validate"])
+    hand = load_hand(parameters["hand"])
     table, prepared = (
         read_table(paths.candidates_file(style, name), CANDIDATES, "synthesize"),
         load_prepared_object(name),
@@ -72,10 +75,11 @@ def main(style: str, name: str, candidates: int, rounds: int, most: int) -> None
     for turn in range(rounds):
         for way in ways:
             begin = time.perf_counter()
-            validate_table(table, prepared, parameters["physics"], warm, way.workers, f"{way.name}: start")
+            label = f"{way.name}: start"
+            validate_table(table, prepared, parameters["physics"], warm, way.workers, label, PLANE, hand)
             way.start = way.start or time.perf_counter() - begin
             begin, cost = time.perf_counter(), cost_so_far()[0]
-            rows = validate_table(table, prepared, parameters["physics"], limits, way.workers, way.name)
+            rows = validate_table(table, prepared, parameters["physics"], limits, way.workers, way.name, PLANE, hand)
             way.walls.append(time.perf_counter() - begin)
             way.costs.append(cost_so_far()[0] - cost)
             if not turn:

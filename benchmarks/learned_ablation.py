@@ -36,7 +36,7 @@ from pipeline.energy.scene import compile_kernels  # noqa: E402
 from pipeline.evaluate.grasps import TwoObjectGrasp, grasp_from_row  # noqa: E402
 from pipeline.evaluate.scene import without_grid  # noqa: E402
 from pipeline.evaluate.trial import run_trial, trial_inputs  # noqa: E402
-from pipeline.hand.allegro import load_hand  # noqa: E402
+from pipeline.hand.model import Hand, load_hand  # noqa: E402
 from pipeline.model.checkpoint import Checkpoint, read_checkpoint  # noqa: E402
 from pipeline.model.network import GraspModel  # noqa: E402
 from pipeline.pairing.combination import Pair  # noqa: E402
@@ -98,7 +98,7 @@ class Samples:
         if key not in self.fates:
             settings = self.task.settings.model_copy(update={"check": check, "physics": physics})
             pair = checked_pair(self.task.pair, settings)
-            self.fates[key] = timed(lambda: check_sample(pair, self.states[refined], index))
+            self.fates[key] = timed(lambda: check_sample(pair, self.task.hand, self.states[refined], index))
         return self.fates[key]
 
     def taken(self, steps: Steps, count: int) -> tuple[list[int], float]:
@@ -140,6 +140,7 @@ def draw_samples(
     checkpoint: Checkpoint,
     model: GraspModel,
     parameters: Parameters,
+    hand: Hand,
     objects: tuple[PreparedObject, PreparedObject],
     draws: int,
 ) -> Samples:
@@ -148,6 +149,7 @@ def draw_samples(
     names = objects[0].name, objects[1].name
     task = Task(
         pair=Pair(*objects, parameters.merge, parameters.physics, parameters.validate_),
+        hand=hand,
         points=(objects[0].surface_points, objects[1].surface_points),
         settings=settings,
         energy=synthesize.energy,
@@ -157,7 +159,7 @@ def draw_samples(
     energy = pair_energy(task)
     compile_kernels()
     (grasps, _), drawing = timed(
-        lambda: sample_grasps(checkpoint, model, task.points, draws, settings.sampler, settings.steps, task.seed)
+        lambda: sample_grasps(checkpoint, model, hand, task.points, draws, settings.sampler, settings.steps, task.seed)
     )
     rng = np.random.default_rng(task.seed)
     raw, scoring = timed(lambda: refine(energy, grasps, 0, settings.refine_step, rng))
@@ -169,12 +171,11 @@ def draw_samples(
 def judge_pair(samples: Samples, count: int, trials: int) -> pd.DataFrame:
     """Return one line per row of the ablation and grasp that it takes."""
     lines: list[dict[str, Any]] = []
-    hand = load_hand()
     for name, steps in ROWS.items():
         found, seconds = samples.taken(steps, count)
         scored = samples.states[steps.refine].chosen(np.array(found, dtype=np.int64))
         depths = [
-            penetration_depth(hand, item, field, scored.grasps.T_hand_object[:, slot], scored.grasps.q)
+            penetration_depth(samples.task.hand, item, field, scored.grasps.T_hand_object[:, slot], scored.grasps.q)
             for slot, (item, field) in enumerate(zip(samples.energy.objects, samples.energy.fields, strict=True))
         ]
         depth = np.maximum(*depths)
@@ -232,6 +233,7 @@ def main() -> None:
     chosen = parser.parse_args()
     code = commit()
     parameters = composed(chosen.scale)
+    hand = load_hand(parameters.hand)
     checkpoint = read_checkpoint(chosen.model)
     model = checkpoint.model()
     pairs = [(first, second) for first, seconds in parameters.partners().items() for second in seconds]
@@ -247,10 +249,10 @@ def main() -> None:
         if not kept.exists():
             objects = load_prepared_object(names[0]), load_prepared_object(names[1])
             if not warm:  # imports and compiled kernels belong to no row
-                draw_samples(checkpoint, model, parameters, objects, draws=1).fate(True, True, True, 0)
+                draw_samples(checkpoint, model, parameters, hand, objects, draws=1).fate(True, True, True, 0)
                 warm = True
             begin = time.process_time()
-            samples = draw_samples(checkpoint, model, parameters, objects, parameters.train.sampling.draws)
+            samples = draw_samples(checkpoint, model, parameters, hand, objects, parameters.train.sampling.draws)
             found = judge_pair(samples, chosen.grasps, chosen.trials).assign(pair="--".join(names))
             kept.parent.mkdir(parents=True, exist_ok=True)
             found.to_csv(kept.with_suffix(".tmp"), index=False)

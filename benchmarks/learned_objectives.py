@@ -30,7 +30,7 @@ import pandas as pd  # noqa: E402
 
 import pipeline  # noqa: E402, F401  (sets the thread counts before numpy is imported)
 from pipeline.energy.scene import compile_kernels  # noqa: E402
-from pipeline.hand.allegro import load_hand  # noqa: E402
+from pipeline.hand.model import load_hand  # noqa: E402
 from pipeline.model.checkpoint import Checkpoint  # noqa: E402
 from pipeline.model.representation import GraspBatch  # noqa: E402
 from pipeline.records import paths  # noqa: E402
@@ -87,7 +87,7 @@ def chosen_pairs(pairs: Sequence[tuple[str, str]], unseen: Sequence[Sequence[str
 
 def usable(energy: PairEnergy, scored: Scored) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return which samples (B,) are usable, their deepest overlaps (B,) and mean distances of contacts (B,), m."""
-    hand, grasps = load_hand(), scored.grasps
+    hand, grasps = energy.hand, scored.grasps
     depth = np.maximum(
         *[
             penetration_depth(hand, item, energy.fields[slot], grasps.T_hand_object[:, slot], grasps.q)
@@ -100,7 +100,7 @@ def usable(energy: PairEnergy, scored: Scored) -> tuple[np.ndarray, np.ndarray, 
 
 def judge(energy: PairEnergy, grasps: GraspBatch, known: GraspBatch, refining: tuple[int, float]) -> dict[str, float]:
     """Return figures of one pair's samples; ``known`` are grasps of that pair in the data."""
-    hand = load_hand()
+    hand = energy.hand
     good, depth, contact = usable(energy, refine(energy, grasps, 0, 0.001, np.random.default_rng(0)))
     refined, _, _ = usable(energy, refine(energy, grasps, *refining, np.random.default_rng(0)))
     among = grasp_distances(hand, grasps, grasps)
@@ -126,7 +126,7 @@ def judge_samplers(
         preparing = time.process_time() - begin
         for sampler, steps in SAMPLERS:
             begin = time.process_time()
-            grasps, _ = grasps_from_clouds(checkpoint, model, clouds, samples, sampler, steps, seed)
+            grasps, _ = grasps_from_clouds(checkpoint, model, energy.hand, clouds, samples, sampler, steps, seed)
             sampling = time.process_time() - begin
             trained = examples.pairs[index] in checkpoint.pairs
             known = examples.grasps[(examples.pair == index) & ((examples.split == "training") | (not trained))]
@@ -184,6 +184,7 @@ def main() -> None:
     chosen = parser.parse_args()
     code = commit()
     parameters = composed(chosen.scale)
+    hand = load_hand(parameters.hand)
     partners, settings = parameters.partners(), parameters.train
     pairs = [(first, second) for first, seconds in partners.items() for second in seconds]
     objects = {name: load_prepared_object(name) for name in dict.fromkeys(name for pair in pairs for name in pair)}
@@ -197,6 +198,7 @@ def main() -> None:
             parameters.synthesize.energy,
             (parameters.synthesize.pinch, parameters.synthesize.side),
             parameters.merge.clearance,
+            hand,
         )
         for index in judged
     }
@@ -216,7 +218,7 @@ def main() -> None:
             if not kept.exists():
                 begin = time.process_time()
                 with tempfile.TemporaryDirectory() as folder:
-                    checkpoint, history = train(examples, own, seed, Path(folder) / "state.pt")
+                    checkpoint, history = train(examples, own, seed, Path(folder) / "state.pt", hand)
                 training = time.process_time() - begin
                 mine = judge_samplers(checkpoint, examples, energies, settings.sampling, chosen.samples, seed)
                 found = pd.DataFrame([{"objective": name, "seed": seed} | row for row in mine])

@@ -37,6 +37,8 @@ import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from pipeline.hand.model import load_hand  # noqa: E402
+from pipeline.hand.support import PLANE  # noqa: E402
 from pipeline.physics.holding import hold_in_gravities  # noqa: E402
 from pipeline.records import paths  # noqa: E402
 from pipeline.records.errors import UserError  # noqa: E402
@@ -117,7 +119,8 @@ def candidates(prepared: PreparedObject, style: str, parameters: Parameters, cha
     """Synthesize in this process."""
     settings = getattr(parameters.synthesize, style).model_copy(update={"chains": chains})
     energy, optimizer = parameters.synthesize.energy, parameters.synthesize.optimizer
-    return synthesize(Request(prepared, style, parameters.seed, energy, optimizer, settings), workers=1)
+    hand = load_hand(parameters.hand)
+    return synthesize(Request(prepared, style, parameters.seed, energy, optimizer, settings, hand), workers=1)
 
 
 def late_contact_only(tested: pd.DataFrame, prepared: PreparedObject, parameters: Parameters) -> int:
@@ -126,7 +129,7 @@ def late_contact_only(tested: pd.DataFrame, prepared: PreparedObject, parameters
     again = early[list(CANDIDATES.names)].assign(rejected_by="").reset_index(drop=True)
     limits = parameters.validate_.model_copy(update={"early_rejection": False, "table_test": False})
     label = f"paper rule {prepared.name}, {parameters.preset}"
-    late = validate_table(again, prepared, parameters.physics, limits, 1, label)
+    late = validate_table(again, prepared, parameters.physics, limits, 1, label, PLANE, load_hand(parameters.hand))
     return int(late["contact_only_pass"].eq(True).sum())
 
 
@@ -141,9 +144,9 @@ def released_validation(rows: pd.DataFrame, prepared: PreparedObject, parameters
     rest = limits.model_copy(update={"early_rejection": True})
     fates = []
     for row in rows[rows["rejected_by"] == ""].to_dict("records"):
-        candidate = candidate_of(row)
+        candidate = candidate_of(row, PLANE, load_hand(parameters.hand))
         grasp = held_grasp(prepared, candidate, limits.squeeze_advance)
-        holding = hold_in_gravities(physics, limits, grasp.objects, grasp.q, grasp.squeeze_q)
+        holding = hold_in_gravities(physics, limits, grasp.objects, grasp.q, grasp.squeeze_q, grasp.hand)
         fates.append(check_candidate(prepared, candidate, physics, rest, holding))
     seconds = cpu_seconds() - begin
     validated = sum(fate["rejected_by"] == "" for fate in fates)
@@ -156,7 +159,7 @@ def measure(prepared: PreparedObject, style: str, parameters: Parameters, ours: 
     rows = candidates(prepared, style, parameters, chains)
     middle = cpu_seconds()
     label = f"validate {style} {prepared.name}, {parameters.preset}"
-    tested = validate_table(rows, prepared, ours.physics, ours.validate_, 1, label)
+    tested = validate_table(rows, prepared, ours.physics, ours.validate_, 1, label, PLANE, load_hand(ours.hand))
     same = Validation(int((tested["rejected_by"] == "").sum()), cpu_seconds() - middle)
     if parameters.preset == ours.preset:
         known = int(tested["contact_only_pass"].eq(True).sum())

@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from pipeline.energy.scene import EnergyScene, Grasps  # noqa: E402
-from pipeline.hand.allegro import load_hand  # noqa: E402
+from pipeline.hand.model import load_hand  # noqa: E402
 from pipeline.records.objects import PreparedObject  # noqa: E402
 from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters, StyleParameters  # noqa: E402
 from pipeline.synthesize.candidates import Block, Request, first_states  # noqa: E402
@@ -32,6 +32,7 @@ from pipeline.synthesize.chains import run_chains  # noqa: E402
 from tests.synthesize import shapes  # noqa: E402
 from tests.synthesize.styles import some_style  # noqa: E402
 
+HAND = load_hand("allegro")
 TARGET = 25  # us per grasp and iteration
 SHORT_CHAIN = 600  # iterations until states are near contact
 
@@ -52,14 +53,14 @@ def cheapest(work: Callable[[], object], runs: int) -> float:
 
 
 def random_states(count: int, contacts: int) -> Grasps:
-    hand, rng = load_hand(), np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     rotation = Rotation.random(count, rng=rng)
     position = -rotation.as_matrix()[:, :, 0] * rng.uniform(0.02, 0.14, (count, 1)) + rng.normal(0, 0.02, (count, 3))
     return Grasps(
         position=position,
         rotation=rotation.as_quat(scalar_first=True),
-        q=rng.uniform(hand.lower, hand.upper, (count, 16)),
-        contacts=np.stack([rng.choice(len(hand.contact_link), contacts, replace=False) for _ in range(count)]),
+        q=rng.uniform(HAND.lower, HAND.upper, (count, HAND.joint_count)),
+        contacts=np.stack([rng.choice(len(HAND.contact_link), contacts, replace=False) for _ in range(count)]),
     )
 
 
@@ -77,9 +78,9 @@ def evaluation_cost(scene: EnergyScene, grasps: Grasps, runs: int, repeats: int 
 
 def row(style: str, prepared: PreparedObject, settings: StyleParameters, grasps: int, runs: int) -> str:
     energy, optimizer = EnergyParameters(), OptimizerParameters(polish_iterations=0)
-    scene = EnergyScene(prepared, energy, settings)
+    scene = EnergyScene(prepared, energy, settings, HAND)
     fingers = tuple(settings.finger_sets[0])
-    request = Request(prepared, style, 1, energy, optimizer, settings)
+    request = Request(prepared, style, 1, energy, optimizer, settings, HAND)
     first, slots, free, seeds = first_states(request, Block(fingers, tuple(range(grasps))), scene)
 
     def chain(start: Grasps, length: int) -> Grasps:

@@ -24,6 +24,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np  # noqa: E402
 import yaml  # noqa: E402
 
+from pipeline.hand.model import load_hand  # noqa: E402
+from pipeline.hand.support import PLANE  # noqa: E402
 from pipeline.records import paths  # noqa: E402
 from pipeline.records.errors import UserError  # noqa: E402
 from pipeline.records.objects import load_prepared_object  # noqa: E402
@@ -36,7 +38,8 @@ from pipeline.validate.table import candidate_of  # noqa: E402
 
 def main(grasps: int, changes: dict[str, object]) -> None:
     styles = read_parameters().styles
-    parameters = load_parameters(["physics", "validate"])
+    parameters = load_parameters(["hand", "physics", "validate"])
+    hand = load_hand(parameters["hand"])
     settings = parameters["physics"]
     limits = ValidateParameters(**{**parameters["validate"].model_dump(), **changes})
     print(f"{'style':6} {'object':18} {'tested':>6} {'validated':>9} {'s/candidate':>11} {'s/validated':>11}")
@@ -47,7 +50,7 @@ def main(grasps: int, changes: dict[str, object]) -> None:
             table = read_table(paths.candidates_file(style, name), CANDIDATES, f"synthesize@{style}")
             rows = table[table.rejected_by == ""].to_dict("records")
             chosen = np.unique(np.linspace(0, len(rows) - 1, min(grasps, len(rows))).round().astype(int))
-            candidates = [candidate_of(rows[index]) for index in chosen]
+            candidates = [candidate_of(rows[index], PLANE, hand) for index in chosen]
             if not candidates:
                 print(f"{style:6} {name:18} {0:6d}")
                 continue

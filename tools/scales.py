@@ -18,8 +18,8 @@ import yaml
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
+from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters import read_parameters, require_allegro
-from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.writing import whole_file
 from pipeline.stages.running import command
 from tools.parameter_text import own_meshes, with_mesh, without_meshes

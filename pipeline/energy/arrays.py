@@ -135,12 +135,12 @@ def hand_arrays(
         contact_opposes=([finger in hand.opposing for finger in hand.contact_finger], int),
     )
     _put_surface(arrays, device, hand, parts, point_count)
-    mount = mount_surface() if with_mount else np.zeros((1, 3))
+    mount = mount_surface(hand) if with_mount else np.zeros((1, 3))
     mount_centre, mount_radius = bounding_sphere(mount)
     _put(arrays, device, mount_points=(mount, wp.vec3))
     arrays.mount_count = len(mount) if with_mount else 0
     arrays.mount_centre, arrays.mount_radius = wp.vec3(*mount_centre.tolist()), mount_radius
-    keep_out = np.zeros((0, 3)) if keep_out_for is None else keep_out_points(keep_out_for)
+    keep_out = np.zeros((0, 3)) if keep_out_for is None else keep_out_points(keep_out_for, hand)
     blocks = block_order(keep_out)
     _put_blocks(arrays, device, keep_out, blocks, "keep_out_", "keep_out")
     staying_out = [

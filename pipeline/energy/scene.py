@@ -13,7 +13,7 @@ from pipeline.compute.warp import warp
 from pipeline.energy import kernel
 from pipeline.energy.arrays import hand_arrays, object_arrays
 from pipeline.energy.keep_out import fingers_used
-from pipeline.hand.model import Hand, load_hand
+from pipeline.hand.model import Hand
 from pipeline.records.energy_terms import WEIGHTS, Terms
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
@@ -45,18 +45,16 @@ class EnergyScene:
         prepared: PreparedObject,
         energy: EnergyParameters,
         style: StyleParameters,
+        hand: Hand,
         device: str = "cpu",
-        hand: Hand | None = None,
     ) -> None:
-        """Put ``prepared`` before ``hand`` (the Allegro when left out)."""
+        """Put ``prepared`` before ``hand``."""
         self.wp = warp()
         self.kernel = kernel
         self.device = device
         keep_out_for = None if style.keep_out_margin is None else fingers_used(style.finger_sets)
-        self.joint_count = (hand or load_hand()).joint_count
-        self.hand = hand_arrays(
-            hand or load_hand(), device, energy.hand_points, style.mount_clearance is not None, keep_out_for
-        )
+        self.joint_count = hand.joint_count
+        self.hand = hand_arrays(hand, device, energy.hand_points, style.mount_clearance is not None, keep_out_for)
         self.scene = object_arrays(device, prepared, energy, style)
         self.energy = energy
 

@@ -86,7 +86,7 @@ def choose_approach(
     directions = approach_directions(T_object_hand, grasp.style, from_above=support != PLANE)
     openings = open_postures(grasp, opening)
     seen: list[NDArray[np.float64]] = []
-    rigid = [mount_surface(MOUNT_POINTS) if hand.mounted else np.zeros((0, 3))]
+    rigid = [np.zeros((0, 3)) if hand.mount is None else mount_surface(hand, MOUNT_POINTS)]
     rigid += [transform_points(T, held.surface_points[:CARRIED_POINTS]) for held, T in carried]
     best: tuple[tuple[int, float], Approach] | None = None
     for length in lengths:

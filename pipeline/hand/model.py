@@ -15,19 +15,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.hand.mount import Mount
 from pipeline.hand.urdf import Urdf, origin_matrix, vector
 from pipeline.records.errors import UserError
+from pipeline.records.hands import description_file
 from pipeline.records.parameters.hand import (
-    ALLEGRO,
-    MOUNT_LINKS,
+    FLANGE_LINK,
+    MOUNT_LINK,
     CapDescription,
     ContactDescription,
     GridDescription,
     HandDescription,
     HandStyle,
+    HoldingDescription,
     ShapesDescription,
     UrdfSource,
-    description_file,
     read_description,
 )
 
@@ -68,12 +70,13 @@ class Hand:
     finger_links: Mapping[str, tuple[str, ...]]  # links of each finger that hold objects
     finger_base: Mapping[str, str | None]  # the link before them
     straight: Mapping[str, tuple[float, ...]]  # rad, joints of the fingers that have a straight posture
+    holding: Mapping[str, HoldingDescription]  # of the fingers whose room other grasps can leave free
     opposing: tuple[str, ...]  # fingers that the others press against
     palm_normal: NDArray[np.float64]  # (3,) unit, hand frame
     tips: frozenset[str]  # links with the friction of fingertips
     may_overlap: tuple[tuple[str, str], ...]
     never_meeting: tuple[tuple[str, ...], ...]
-    mounted: bool  # flange and mount of the Panda are behind it
+    mount: Mount | None  # between it and the flange of the Panda; None: nothing is modelled behind it
     styles: Mapping[str, HandStyle] = field(repr=False)
 
     def __reduce__(self) -> tuple[Callable[[Path], Hand], tuple[Path]]:
@@ -83,6 +86,11 @@ class Hand:
     def joint_count(self) -> int:
         """J."""
         return len(self.joint_names)
+
+    @property
+    def root(self) -> str:
+        """Link whose frame is the hand's."""
+        return self.link_names[0]
 
     def link(self, name: str) -> int:
         """Index of a link."""
@@ -102,7 +110,7 @@ class Hand:
         return self.styles[name]
 
 
-def load_hand(name: str = ALLEGRO) -> Hand:
+def load_hand(name: str) -> Hand:
     """Read the hand that ``hands/<name>`` describes.
 
     Raises:
@@ -166,12 +174,13 @@ def _hand(file: Path, description: HandDescription) -> Hand:
         finger_links={name: tuple(own.links) for name, own in fingers.items()},
         finger_base={name: own.base for name, own in fingers.items()},
         straight={name: tuple(own.straight) for name, own in fingers.items() if own.straight is not None},
+        holding={name: own.holding for name, own in fingers.items() if own.holding is not None},
         opposing=tuple(description.opposing),
         palm_normal=np.array(description.palm_normal) / np.linalg.norm(description.palm_normal),
         tips=frozenset(description.tips),
         may_overlap=tuple(description.may_overlap),
         never_meeting=tuple(tuple(group) for group in description.never_meeting),
-        mounted=description.mount is not None,
+        mount=None if description.mount is None else Mount(description.mount),
         styles={str(name): style for name, style in description.styles.items()},
     )
 
@@ -220,7 +229,7 @@ def _check_names(description: HandDescription, urdf: Urdf, file: Path) -> None:
     for name, joint in urdf.joints.items():
         if urdf.moving(joint) and name not in description.joints:
             raise UserError(f"{file}: the joint {name!r} of {urdf.file.name} moves; add it to joints and to a finger.")
-    behind = MOUNT_LINKS if description.mount is not None else ()
+    behind = (FLANGE_LINK, MOUNT_LINK) if description.mount is not None else ()
     named = {
         "tips": description.tips,
         "shapes": description.shapes,

@@ -8,18 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.hand.kinematics import link_poses, point_jacobian, points_on_links
-from pipeline.hand.model import Hand, load_hand
+from pipeline.hand.model import Hand
 
 
-def finger_joints(fingers: Sequence[str], hand: Hand | None = None) -> NDArray[np.int64]:
-    """Return the sorted joint indices of some fingers of a hand (the Allegro when left out); the palm has none."""
-    hand = hand or load_hand()
+def finger_joints(fingers: Sequence[str], hand: Hand) -> NDArray[np.int64]:
+    """Return the sorted joint indices of some fingers of a hand; the palm has none."""
     return np.array(sorted(joint for finger in fingers for joint in hand.finger_joints[finger]), dtype=np.int64)
 
 
-def straight(fingers: Sequence[str], hand: Hand | None = None) -> NDArray[np.float64]:
-    """Return the angles, rad, of ``finger_joints(fingers)`` of straight fingers that have such a posture."""
-    hand = hand or load_hand()
+def straight(fingers: Sequence[str], hand: Hand) -> NDArray[np.float64]:
+    """Return the angles, rad, of ``finger_joints(fingers, hand)`` of straight fingers that have such a posture."""
     angle: dict[int, float] = {}
     for finger in fingers:
         angle |= dict(zip(hand.finger_joints[finger], hand.straight[finger], strict=True))

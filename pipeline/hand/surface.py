@@ -10,8 +10,9 @@ import trimesh
 from numpy.typing import NDArray
 
 from pipeline.hand.assets import panda_description
-from pipeline.hand.model import Hand, load_hand
+from pipeline.hand.model import Hand
 from pipeline.hand.urdf import origin_matrix
+from pipeline.records.parameters.hand import FLANGE_LINK
 
 DENSITY_FACTOR = 20  # raw samples per kept point
 
@@ -34,19 +35,12 @@ def _box_samples(half: NDArray[np.float64], count: int, rng: np.random.Generator
     return points
 
 
-def hand_surface(count: int = 1000, hand: Hand | None = None) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+@lru_cache(maxsize=8)
+def hand_surface(count: int, hand: Hand) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return links (count,) and points (count, 3) in link frames, spread over all collision shapes by area.
 
     The points are the same in every process: they are farthest-point samples of a fixed random draw.
-
-    Args:
-        hand: the Allegro when left out.
     """
-    return _hand_surface(count, hand or load_hand())
-
-
-@lru_cache(maxsize=8)
-def _hand_surface(count: int, hand: Hand) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     rng = np.random.Generator(np.random.PCG64(0))
     box_areas = 8 * (hand.box_half * np.roll(hand.box_half, 1, axis=1)).sum(1)
     sphere_areas = 4 * np.pi * hand.sphere_radius**2
@@ -72,46 +66,32 @@ def _hand_surface(count: int, hand: Hand) -> tuple[NDArray[np.int64], NDArray[np
     return np.concatenate(links), np.concatenate(points)
 
 
-# Published mount between flange and hand (notes of the released robot description): panda_link7 -> mount -> base_link.
-T_LINK7_MOUNT = np.array([[-1.0, 0, 0, 0], [0, -1, 0, -0.02], [0, 0, 1, 0.107], [0, 0, 0, 1]])
-MOUNT_BOX_HALF = np.array([0.05, 0.034, 0.065]) / 2
-MOUNT_BOX_CENTRE = np.array([0.0, 0.0, 0.017])  # mount frame; the box is turned -90 degrees about x
-# Net link7 -> base_link: palm normal (+x) = +z of link7, hand +y = -x, fingers (+z) = -y.
-T_LINK7_HAND = np.array([[0, -1.0, 0, 0], [0, 0, -1, -0.14], [1, 0, 0, 0.132], [0, 0, 0, 1]])
-
-
-def mount_box_pose() -> NDArray[np.float64]:
-    """Return ``T_link7_box`` (4, 4) of the mount's collision box."""
-    T = np.eye(4)
-    T[:3, :3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]  # rpy (-pi/2, 0, 0)
-    T[:3, 3] = MOUNT_BOX_CENTRE
-    return T_LINK7_MOUNT @ T
-
-
-@lru_cache(maxsize=2)
-def mount_surface(count: int = 200) -> NDArray[np.float64]:
-    """Return points (count, 3), hand frame, on the convex hulls of panda_link7 and of the mount's box.
+@lru_cache(maxsize=4)
+def mount_surface(hand: Hand, count: int = 200) -> NDArray[np.float64]:
+    """Return points (count, 3), hand frame, on the convex hulls of panda_link7 and of the box of the hand's mount.
 
     They are rigid in the hand frame, whatever the fingers do.
     """
+    mount = hand.mount
+    assert mount is not None
     root = ElementTree.parse(panda_description()).getroot()
-    collision = root.find("link[@name='panda_link7']/collision")
+    collision = root.find(f"link[@name='{FLANGE_LINK}']/collision")
     assert collision is not None
     mesh = collision.find("geometry/mesh")
     assert mesh is not None
     flange = trimesh.load_mesh(panda_description().parent / mesh.get("filename", ""))
     flange = flange.convex_hull.apply_transform(origin_matrix(collision.find("origin")))
-    corners = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), -1).reshape(-1, 3) * MOUNT_BOX_HALF
-    box_pose = mount_box_pose()
+    corners = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), -1).reshape(-1, 3) * mount.box_half
+    box_pose = mount.T_link7_box
     rng = np.random.Generator(np.random.PCG64(0))
     raw = np.concatenate(
         [
             flange.vertices,
             trimesh.sample.sample_surface(flange, count * 5, seed=0)[0],
             corners @ box_pose[:3, :3].T + box_pose[:3, 3],
-            _box_samples(MOUNT_BOX_HALF, count * 2, rng) @ box_pose[:3, :3].T + box_pose[:3, 3],
+            _box_samples(mount.box_half, count * 2, rng) @ box_pose[:3, :3].T + box_pose[:3, 3],
         ]
     )
-    T_hand_link7 = np.linalg.inv(T_LINK7_HAND)
+    T_hand_link7 = np.linalg.inv(mount.T_link7_hand)
     raw = raw @ T_hand_link7[:3, :3].T + T_hand_link7[:3, 3]
     return raw[farthest_points(raw, count)]

@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pipeline.records.errors import UserError
 
@@ -19,17 +19,20 @@ def vector(text: str | None) -> NDArray[np.float64]:
 
 
 def origin_matrix(element: ElementTree.Element | None) -> NDArray[np.float64]:
-    """Return the 4x4 of a URDF ``<origin>``; rpy is extrinsic xyz (R = Rz Ry Rx)."""
+    """Return the 4x4 of a URDF ``<origin>``."""
+    return np.eye(4) if element is None else frame_matrix(vector(element.get("xyz")), vector(element.get("rpy")))
+
+
+def frame_matrix(xyz: ArrayLike, rpy: ArrayLike) -> NDArray[np.float64]:
+    """Return the 4x4 of a position (3,), m, and of extrinsic xyz angles (3,), rad (R = Rz Ry Rx)."""
     T = np.eye(4)
-    if element is None:
-        return T
-    (sr, sp, sy), (cr, cp, cy) = (f(vector(element.get("rpy"))) for f in (np.sin, np.cos))
+    (sr, sp, sy), (cr, cp, cy) = (f(np.asarray(rpy, np.float64)) for f in (np.sin, np.cos))
     T[:3, :3] = (
         np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
         @ np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
         @ np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
     )
-    T[:3, 3] = vector(element.get("xyz"))
+    T[:3, 3] = xyz
     return T
 
 

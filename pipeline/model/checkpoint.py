@@ -46,7 +46,7 @@ class Checkpoint:
         """Return the network, ready to predict."""
         from pipeline.model.network import GraspModel
 
-        model = GraspModel(self.encoder, self.denoiser)
+        model = GraspModel(self.encoder, self.denoiser, len(self.normalisation.mean))
         model.load_state_dict(self.weights)
         return model.to(device).eval().requires_grad_(False)
 
@@ -90,7 +90,8 @@ def _check(checkpoint: Checkpoint) -> None:
     from pipeline.model.network import GraspModel
 
     with torch.device("meta"):
-        wanted = GraspModel(checkpoint.encoder, checkpoint.denoiser).state_dict()
+        dimensions = len(checkpoint.normalisation.mean)
+        wanted = GraspModel(checkpoint.encoder, checkpoint.denoiser, dimensions).state_dict()
     if {name: value.shape for name, value in wanted.items()} != {
         name: value.shape for name, value in checkpoint.weights.items()
     }:

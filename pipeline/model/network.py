@@ -1,4 +1,6 @@
-"""The network: PointNet++ for each object, a denoiser for the grasp. Shapes: B grasps, C clouds, P pairs of clouds.
+"""The network: PointNet++ for each object, a denoiser for the grasp.
+
+Shapes: B grasps of D numbers, C clouds, P pairs of clouds.
 
 Many grasps of a batch share their objects, so each distinct cloud is encoded once and its features are gathered by
 index; with 4 to 16 clouds and hundreds of grasps that is most of the cost of a step.
@@ -18,7 +20,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from pipeline.model.clouds import Clouds
-from pipeline.model.representation import DIMENSIONS
+from pipeline.model.held_out import STYLES
 from pipeline.records.parameters.train import DenoiserParameters, EncoderParameters
 
 # Positions enter as sines and cosines of these wave numbers, 1/m (wavelengths 21 cm to 2.6 cm). With them, and with
@@ -117,18 +119,20 @@ class MlpDenoiser(nn.Module):
     mean: Tensor
     spread: Tensor
 
-    def __init__(self, settings: DenoiserParameters, token_width: int) -> None:
+    def __init__(self, settings: DenoiserParameters, token_width: int, dimensions: int) -> None:
         super().__init__()
         width, self.slot_width = settings.width, settings.slot_width
         self.time = TimeEmbedding(width)
-        # Maximum and mean over the tokens of an object, with the slot's embedding, for each of the two slots.
+        # Maximum and mean over the tokens of an object, with the slot's embedding, for each of the slots.
         self.context = nn.Sequential(
-            nn.Linear(2 * (2 * token_width + settings.slot_width), width), nn.SiLU(), nn.Linear(width, width)
+            nn.Linear(len(STYLES) * (2 * token_width + settings.slot_width), width),
+            nn.SiLU(),
+            nn.Linear(width, width),
         )
         # At first, pooled features of different objects hardly differ; see :meth:`calibrate`.
         self.register_buffer("mean", torch.zeros(2 * token_width))
         self.register_buffer("spread", torch.ones(2 * token_width))
-        self.begin = nn.Linear(DIMENSIONS, width)
+        self.begin = nn.Linear(dimensions, width)
         self.norms = nn.ModuleList(nn.LayerNorm(width, elementwise_affine=False) for _ in range(settings.blocks))
         self.branches = nn.ModuleList(
             nn.Sequential(nn.Linear(width, 2 * width), nn.SiLU(), nn.Linear(2 * width, width))
@@ -137,7 +141,7 @@ class MlpDenoiser(nn.Module):
         self.modulation = nn.Linear(width, 3 * width * settings.blocks)
         nn.init.zeros_(self.modulation.weight)  # every block begins as the identity
         nn.init.zeros_(self.modulation.bias)
-        self.end = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, DIMENSIONS))
+        self.end = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, dimensions))
 
     def pool(self, tokens: Tensor) -> Tensor:
         """Return features (C, 2 f) of tokens (C, T, f)."""
@@ -159,7 +163,7 @@ class MlpDenoiser(nn.Module):
         return self.context(torch.cat(features, dim=-1))
 
     def forward(self, x: Tensor, time: Tensor, context: Tensor, pair: Tensor) -> Tensor:
-        """Return predictions (B, 40) for noisy x (B, 40) at times (B,) given prepared pairs and pair indices (B,)."""
+        """Return predictions (B, D) for noisy x (B, D) at times (B,) given prepared pairs and pair indices (B,)."""
         condition = functional.silu(context[pair] + self.time(time))
         h = self.begin(x)
         modulations = self.modulation(condition).chunk(len(self.branches), dim=-1)
@@ -211,13 +215,13 @@ class AttentionBlock(nn.Module):
 class AttentionDenoiser(nn.Module):
     """The published denoiser without its self-attention: residual blocks with time, cross-attention to all tokens."""
 
-    def __init__(self, settings: DenoiserParameters, token_width: int) -> None:
+    def __init__(self, settings: DenoiserParameters, token_width: int, dimensions: int) -> None:
         super().__init__()
         width, context = settings.width, token_width + settings.slot_width
         self.time = TimeEmbedding(2 * width)
-        self.begin = nn.Linear(DIMENSIONS, width)
+        self.begin = nn.Linear(dimensions, width)
         self.blocks = nn.ModuleList([AttentionBlock(width, 2 * width, context) for _ in range(settings.blocks)])
-        self.end = nn.Sequential(nn.GroupNorm(_groups(width), width), nn.SiLU(), nn.Linear(width, DIMENSIONS))
+        self.end = nn.Sequential(nn.GroupNorm(_groups(width), width), nn.SiLU(), nn.Linear(width, dimensions))
 
     def prepare(self, tokens: Sequence[Tensor]) -> Tensor:
         """Return keys and values (layers, 2, P, heads, 2 T, head) of P pairs, from tokens (P, T, f + slot_width)."""
@@ -228,7 +232,7 @@ class AttentionDenoiser(nn.Module):
         )
 
     def forward(self, x: Tensor, time: Tensor, context: Tensor, pair: Tensor) -> Tensor:
-        """Return predictions (B, 40); see :meth:`MlpDenoiser.forward`."""
+        """Return predictions (B, D); see :meth:`MlpDenoiser.forward`."""
         embedded = self.time(time)
         h = self.begin(x)
         prepared = iter(context)
@@ -251,12 +255,13 @@ def _groups(width: int) -> int:
 class GraspModel(nn.Module):
     """Encoder, slot embedding and denoiser."""
 
-    def __init__(self, encoder: EncoderParameters, denoiser: DenoiserParameters) -> None:
+    def __init__(self, encoder: EncoderParameters, denoiser: DenoiserParameters, dimensions: int) -> None:
+        """Make the network for grasps of ``dimensions`` numbers, see ``model.representation``."""
         super().__init__()
         self.encoder = Encoder(encoder)
-        self.slot = nn.Parameter(torch.randn(2, denoiser.slot_width))  # which object is pinched, which lies in the palm
+        self.slot = nn.Parameter(torch.randn(len(STYLES), denoiser.slot_width))  # how an object is held
         kind = MlpDenoiser if denoiser.kind == "mlp" else AttentionDenoiser
-        self.denoiser = kind(denoiser, encoder.widths[-1])
+        self.denoiser = kind(denoiser, encoder.widths[-1], dimensions)
 
     def calibrate(self, clouds: CloudTensors) -> None:
         """Look at clouds of all objects once before the training begins."""
@@ -267,17 +272,17 @@ class GraspModel(nn.Module):
         """Return what the denoiser needs to know of P pairs; every cloud is encoded once.
 
         Args:
-            pairs: (P, 2) int64, indices into ``clouds`` of object 0 and object 1.
+            pairs: (P, n) int64, indices into ``clouds`` of the objects in the order of picking.
         """
         tokens = self.encoder(clouds)
         slots = []
-        for slot in (0, 1):
+        for slot, embedding in enumerate(self.slot):
             own = tokens[pairs[:, slot]]
-            slots.append(torch.cat([own, self.slot[slot].expand(*own.shape[:2], -1)], dim=-1))
+            slots.append(torch.cat([own, embedding.expand(*own.shape[:2], -1)], dim=-1))
         return self.denoiser.prepare(slots)
 
     def forward(self, x: Tensor, time: Tensor, context: Tensor, pair: Tensor) -> Tensor:
-        """Return the prediction (B, 40) from noisy, normalised grasps x (B, 40) at times (B,) in 0..1.
+        """Return the prediction (B, D) from noisy, normalised grasps x (B, D) at times (B,) in 0..1.
 
         Args:
             context: of :meth:`context`.

@@ -1,13 +1,12 @@
-"""A two-object grasp as 40 numbers, and back.
+"""A grasp of n objects with a hand of J joints as D = 12 n + J numbers, and back.
 
-H = (q, T_hand_object0, T_hand_object1) becomes
+H = (q, T_hand_object0, T_hand_object1, ...) becomes, object by object,
 
-    0..2    position of object 0 in the hand frame, m
-    3..11   rotation matrix of T_hand_object0, row by row
-    12..23  the same of object 1
-    24..39  joint angles, scaled from their limits to -1..1
+    position of the object in the hand frame, m (3)
+    rotation matrix of T_hand_object, row by row (9)
 
-as published, but for the joints, which the released code leaves in radians. A rotation matrix has no jumps, unlike
+and then the J joint angles, scaled from their limits to -1..1: 40 numbers for two objects in the Allegro. This is as
+published, but for the joints, which the released code leaves in radians. A rotation matrix has no jumps, unlike
 angles or quaternions; nine numbers that a network puts out become the nearest rotation by a singular value
 decomposition (Levinson et al. 2020, "An Analysis of SVD for Deep Rotation Estimation").
 """
@@ -20,20 +19,24 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import Hand
+from pipeline.hand.model import Hand
 from pipeline.records.poses import pose_matrix
 
-DIMENSIONS = 40
 POSE = 12  # numbers per pose
 LEAST_DEVIATION = 1e-3  # a dimension that hardly varies is not blown up
 
 
+def dimensions(objects: int, hand: Hand) -> int:
+    """Return D, how many numbers a grasp of so many objects is."""
+    return objects * POSE + hand.joint_count
+
+
 @dataclass(frozen=True)
 class GraspBatch:
-    """``B`` two-object grasps; hand frame and joint order as in ``pipeline.records.tables``."""
+    """``B`` grasps of ``n`` objects each; hand frame and joint order as in ``pipeline.records.tables``."""
 
-    T_hand_object: NDArray[np.float64]  # (B, 2, 4, 4)
-    q: NDArray[np.float64]  # (B, 16) rad
+    T_hand_object: NDArray[np.float64]  # (B, n, 4, 4)
+    q: NDArray[np.float64]  # (B, J) rad
 
     def __len__(self) -> int:
         return len(self.q)
@@ -55,11 +58,11 @@ def grasps_of(rows: pd.DataFrame) -> GraspBatch:
 class Normalisation:
     """Mean and standard deviation of every dimension over the training examples."""
 
-    mean: NDArray[np.float64]  # (40,)
-    deviation: NDArray[np.float64]  # (40,)
+    mean: NDArray[np.float64]  # (D,)
+    deviation: NDArray[np.float64]  # (D,)
 
     def apply(self, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Normalise vectors (..., 40)."""
+        """Normalise vectors (..., D)."""
         return (vectors - self.mean) / self.deviation
 
     def undo(self, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -68,38 +71,38 @@ class Normalisation:
 
 
 def fit_normalisation(vectors: NDArray[np.float64], normalise: bool) -> Normalisation:
-    """Return statistics of vectors (N, 40), or those that change nothing."""
+    """Return statistics of vectors (N, D), or those that change nothing."""
     if not normalise:
-        return Normalisation(np.zeros(DIMENSIONS), np.ones(DIMENSIONS))
+        return Normalisation(np.zeros(vectors.shape[1]), np.ones(vectors.shape[1]))
     return Normalisation(vectors.mean(0), np.maximum(vectors.std(0), LEAST_DEVIATION))
 
 
 def to_vectors(hand: Hand, grasps: GraspBatch) -> NDArray[np.float64]:
-    """Return grasps as vectors (B, 40), not normalised."""
+    """Return grasps as vectors (B, D), not normalised."""
     middle, half = (hand.upper + hand.lower) / 2, (hand.upper - hand.lower) / 2
     parts = []
-    for slot in (0, 1):
-        T = grasps.T_hand_object[:, slot]
+    for T in np.moveaxis(grasps.T_hand_object, 1, 0):
         parts += [T[:, :3, 3], T[:, :3, :3].reshape(-1, 9)]
     return np.concatenate([*parts, (grasps.q - middle) / half], axis=1)
 
 
 def from_vectors(hand: Hand, vectors: NDArray[np.float64]) -> GraspBatch:
-    """Return the grasps that vectors (B, 40) stand for: nearest rotations, joints clamped to their limits."""
+    """Return the grasps that vectors (B, D) stand for: nearest rotations, joints clamped to their limits."""
     middle, half = (hand.upper + hand.lower) / 2, (hand.upper - hand.lower) / 2
-    T = np.zeros((len(vectors), 2, 4, 4))
+    poses, joints = np.split(vectors, [-hand.joint_count], axis=1)
+    T = np.zeros((len(vectors), poses.shape[1] // POSE, 4, 4))
     T[..., 3, 3] = 1.0
-    for slot in (0, 1):
-        part = vectors[:, slot * POSE : (slot + 1) * POSE]
+    for slot in range(T.shape[1]):
+        part = poses[:, slot * POSE : (slot + 1) * POSE]
         T[:, slot, :3, 3] = part[:, :3]
         T[:, slot, :3, :3] = nearest_rotation(part[:, 3:].reshape(-1, 3, 3))
-    return GraspBatch(T, middle + half * np.clip(vectors[:, 2 * POSE :], -1.0, 1.0))
+    return GraspBatch(T, middle + half * np.clip(joints, -1.0, 1.0))
 
 
 def joint_violation(vectors: NDArray[np.float64], hand: Hand) -> NDArray[np.float64]:
-    """Return how far joints (B, 16) of vectors (B, 40) lie beyond their limits, rad, before they are clamped."""
+    """Return how far joints (B, J) of vectors (B, D) lie beyond their limits, rad, before they are clamped."""
     half = (hand.upper - hand.lower) / 2
-    return half * np.maximum(np.abs(vectors[:, 2 * POSE :]) - 1.0, 0.0)
+    return half * np.maximum(np.abs(vectors[:, -hand.joint_count :]) - 1.0, 0.0)
 
 
 def nearest_rotation(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -111,7 +114,7 @@ def nearest_rotation(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def turn_objects(grasps: GraspBatch, angles: NDArray[np.float64]) -> GraspBatch:
-    """Return the same grasps of objects whose frames are turned about their z axis by angles (B, 2), rad.
+    """Return the same grasps of objects whose frames are turned about their z axis by angles (B, n), rad.
 
     A point p of the old object frame is Rz(angle) p in the new one, so that T_hand_object is multiplied from the
     right by the inverse. (The released code multiplies from the left, which turns the object about the hand.)

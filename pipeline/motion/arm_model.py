@@ -1,4 +1,4 @@
-"""The Panda with the Allegro hand in a fixed posture: hand pose, Jacobian, and collision shapes.
+"""The Panda with a hand in a fixed posture: hand pose, Jacobian, and collision shapes.
 
 While the arm moves the fingers do not, so a model of seven joints is enough: every shape of the hand rides on the last
 arm joint. The model is built anew for every hand posture, which takes milliseconds.
@@ -13,17 +13,17 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from pipeline.hand.robot import ARM_JOINT_NAMES, JOINT_NAMES, robot_file
+from pipeline.hand.model import Hand
+from pipeline.hand.robot import ARM_JOINT_NAMES, robot_file
 
 # Acceleration limits of the Panda, rad/s2 (Franka's interface specifications); the URDF has none.
 ARM_ACCELERATION = np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])
-HAND_FRAME = "base_link"
 
 
-@lru_cache(maxsize=1)
-def _full_robot() -> tuple[Any, Any]:
-    """Pinocchio model and geometry of all 23 joints; meshes become their convex hulls, as in physics."""
-    description = str(robot_file(arm=True))
+@lru_cache(maxsize=2)
+def _full_robot(hand: Hand) -> tuple[Any, Any]:
+    """Pinocchio model and geometry of all joints of arm and hand; meshes become their convex hulls, as in physics."""
+    description = str(robot_file(True, hand))
     model = pin.buildModelFromUrdf(description)
     geometry = pin.buildGeomFromUrdf(model, description, pin.GeometryType.COLLISION)
     for item in geometry.geometryObjects:
@@ -43,19 +43,19 @@ class ArmModel:
         velocity: (7,) velocity limits, rad/s.
     """
 
-    def __init__(self, hand_q: ArrayLike) -> None:
-        """Build the model; ``hand_q`` (16,) in the order ``joint_0.0`` ... ``joint_15.0``, rad."""
-        full, geometry = _full_robot()
+    def __init__(self, hand_q: ArrayLike, hand: Hand) -> None:
+        """Build the model; ``hand_q`` (J,) in the order of ``hand.joint_names``, rad."""
+        full, geometry = _full_robot(hand)
         q = pin.neutral(full)
-        for name, angle in zip(JOINT_NAMES, np.asarray(hand_q, np.float64), strict=True):
+        for name, angle in zip(hand.joint_names, np.asarray(hand_q, np.float64), strict=True):
             q[full.joints[full.getJointId(name)].idx_q] = angle
-        locked = [full.getJointId(name) for name in JOINT_NAMES]
+        locked = [full.getJointId(name) for name in hand.joint_names]
         self.model, self.geometry = pin.buildReducedModel(full, geometry, locked, q)
         assert list(self.model.names)[1:] == list(ARM_JOINT_NAMES)
         self.lower: NDArray[np.float64] = self.model.lowerPositionLimit.copy()
         self.upper: NDArray[np.float64] = self.model.upperPositionLimit.copy()
         self.velocity: NDArray[np.float64] = self.model.velocityLimit.copy()
-        self._frame = self.model.getFrameId(HAND_FRAME)
+        self._frame = self.model.getFrameId(hand.root)
         self._data = self.model.createData()
 
     def hand_pose(self, q: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -95,7 +95,7 @@ class World(Protocol):
         """Add a hand on the arm, whose base stands at the world's origin; otherwise as :meth:`add_hand`.
 
         Args:
-            q: the arm's 7 joints, then the hand's J, in the order of ``hand.robot.ROBOT_JOINT_NAMES``, rad.
+            q: the arm's 7 joints, then the hand's J, in the order of ``hand.robot.robot_joint_names``, rad.
         """
         ...
 

@@ -8,12 +8,12 @@ begins with hand and objects at rest in the grasp and all finger drives set to t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.model import Hand, load_hand
+from pipeline.hand.model import Hand
 from pipeline.physics.engine import GRAVITY, Body, World, pressing_links, steps_in
 from pipeline.physics.world import make_world
 from pipeline.records.objects import PreparedObject
@@ -41,7 +41,7 @@ class HeldGrasp:
     objects: tuple[HeldObject, ...]
     q: NDArray[np.float64]  # (J,) joint angles at the start
     squeeze_q: NDArray[np.float64]  # (J,) drive targets
-    hand: Hand = field(default_factory=load_hand)  # the Allegro when left out
+    hand: Hand
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def hold_in_gravities(
     objects: Sequence[HeldObject],
     q: NDArray[np.float64],
     squeeze_q: NDArray[np.float64],
-    hand: Hand | None = None,
+    hand: Hand,
 ) -> Holding:
     """Test the grasp in every direction of ``limits.gravity_directions``, in that order.
 
@@ -140,14 +140,13 @@ def hold_in_gravities(
     Args:
         q: (J,) joint angles at the start.
         squeeze_q: (J,) drive targets.
-        hand: the Allegro when left out.
     """
     settings = limits.for_floating_hand(settings)
     outcomes: list[Outcome] = []
     total = 0
     for direction in limits.gravity_directions:
         gravity = gravity_vector(direction, objects[0].T_hand_object)
-        outcome, steps = _hold(settings, limits, objects, q, squeeze_q, gravity, hand or load_hand())
+        outcome, steps = _hold(settings, limits, objects, q, squeeze_q, gravity, hand)
         outcomes.append(outcome)
         total += steps
         if limits.early_rejection and not outcome.held(limits):

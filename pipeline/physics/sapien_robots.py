@@ -1,4 +1,4 @@
-"""A hand alone (floating, root fixed in space), or the Allegro on the Panda arm, as a SAPIEN articulation.
+"""A hand alone (floating, root fixed in space), or on the Panda arm, as a SAPIEN articulation.
 
 Joints are always addressed by name, in the order of the hand; SAPIEN's own order is breadth-first.
 """
@@ -16,7 +16,7 @@ from sapien.wrapper.articulation_builder import ArticulationBuilder
 from sapien.wrapper.urdf_loader import URDFLoader
 
 from pipeline.hand.model import Hand
-from pipeline.hand.robot import ROBOT_JOINT_NAMES, robot_file
+from pipeline.hand.robot import robot_file, robot_joint_names
 from pipeline.physics.sapien_bodies import from_sapien, to_sapien
 from pipeline.records.parameters.physics import PhysicsParameters
 
@@ -98,7 +98,7 @@ def build_robot(scene: Any, settings: PhysicsParameters, arm: bool, T_world_root
 
     Args:
         arm: False: J joints in the order of ``hand.joint_names``, root of the hand.
-            True, for the Allegro only: 23 joints in the order of ``hand.robot.ROBOT_JOINT_NAMES``, root
+            True, for hands with a mount: 7 + J joints in the order of ``hand.robot.robot_joint_names``, root
             ``panda_link0``.
         T_world_root: (4, 4) pose of the root link.
     """
@@ -106,7 +106,7 @@ def build_robot(scene: Any, settings: PhysicsParameters, arm: bool, T_world_root
     builder.set_scene(scene)
     builder.set_initial_pose(to_sapien(T_world_root))
     articulation = builder.build(fix_root_link=True)
-    names = ROBOT_JOINT_NAMES if arm else hand.joint_names
+    names = robot_joint_names(hand) if arm else hand.joint_names
     in_sapien = [joint.name for joint in articulation.active_joints]
     order = np.array([in_sapien.index(name) for name in names])
     joints = tuple(articulation.active_joints[index] for index in order)

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.model import Hand, load_hand
+from pipeline.hand.model import Hand
 from pipeline.hand.moves import finger_joints, straight
 from pipeline.physics.engine import steps_in
 from pipeline.physics.world import make_world
@@ -28,8 +28,8 @@ def settle_grasp(
     q: NDArray[np.float64],
     squeeze_q: NDArray[np.float64],
     settings: PhysicsParameters,
-    waiting: Sequence[str] = ("ring",),
-    hand: Hand | None = None,
+    waiting: Sequence[str],
+    hand: Hand,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return joint angles (J,) and ``T_hand_object`` (4, 4) as physics leaves them after a gentle squeeze.
 
@@ -39,13 +39,12 @@ def settle_grasp(
         T_hand_object: (4, 4) in the synthesized grasp.
         q, squeeze_q: (J,) joints of the grasp, and drive targets that press its contacts together, rad.
         waiting: fingers that will pick other objects later.
-        hand: the Allegro when left out.
     """
     start, target = q.copy(), squeeze_q.copy()
     joints = finger_joints(waiting, hand)
     start[joints] = target[joints] = straight(waiting, hand)  # away from the object
     world = make_world(settings, np.zeros(3))
-    robot = world.add_hand(hand or load_hand(), np.eye(4), start)
+    robot = world.add_hand(hand, np.eye(4), start)
     body = world.add_object(prepared, T_hand_object, "object")
     for step in range(1, RAMP_STEPS + 1):
         robot.set_targets(start + (target - start) * (step / RAMP_STEPS))

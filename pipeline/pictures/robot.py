@@ -13,11 +13,12 @@ import pinocchio
 import trimesh
 from numpy.typing import NDArray
 
-from pipeline.hand.model import Hand, load_hand
-from pipeline.hand.robot import MOUNT_LINK, ROBOT_JOINT_NAMES, compose_robot
+from pipeline.hand.model import Hand
+from pipeline.hand.robot import compose_robot, robot_joint_names
 from pipeline.hand.urdf import origin_matrix
 from pipeline.pictures.decimation import Mesh, decimated
 from pipeline.pictures.render import Body, corner_normals
+from pipeline.records.parameters.hand import MOUNT_LINK
 
 LARGEST_MESH = 4000  # faces; finer visual meshes are decimated, as no picture shows the difference
 HAND_COLOUR = (0.33, 0.35, 0.39)
@@ -83,7 +84,7 @@ def _visuals(arm: bool, hand: Hand) -> tuple[_Visual, ...]:
 def _kinematics(arm: bool, hand: Hand) -> tuple[Any, Any, NDArray[np.int64]]:
     """Pinocchio's model, and where each of our joints stands in its configuration vector."""
     model = pinocchio.buildModelFromXML(compose_robot(arm, visuals=False, hand=hand))
-    names = ROBOT_JOINT_NAMES if arm else hand.joint_names
+    names = robot_joint_names(hand) if arm else hand.joint_names
     return model, model.createData(), np.array([model.joints[model.getJointId(name)].idx_q for name in names])
 
 
@@ -98,21 +99,21 @@ def _bodies(arm: bool, hand: Hand, T_world_root: NDArray[np.float64], q: NDArray
     ]
 
 
-def hand_bodies(T_world_hand: NDArray[np.float64], q: NDArray[np.float64], hand: Hand | None = None) -> list[Body]:
+def hand_bodies(T_world_hand: NDArray[np.float64], q: NDArray[np.float64], hand: Hand) -> list[Body]:
     """Return the links of a hand.
 
     Args:
         T_world_hand: (4, 4) pose of the root link.
         q: (J,) joint angles, rad.
-        hand: the Allegro when left out.
     """
-    return _bodies(False, hand or load_hand(), T_world_hand, np.asarray(q, np.float64))
+    return _bodies(False, hand, T_world_hand, np.asarray(q, np.float64))
 
 
-def robot_bodies(q: NDArray[np.float64]) -> list[Body]:
+def robot_bodies(q: NDArray[np.float64], hand: Hand) -> list[Body]:
     """Return the links of arm, mount and hand, ``panda_link0`` at the world's origin.
 
     Args:
-        q: (23,) the arm's 7 joint angles, then the hand's 16, rad.
+        q: (7 + J,) the arm's joint angles, then the hand's, rad.
+        hand: one that has a mount.
     """
-    return _bodies(True, load_hand(), np.eye(4), np.asarray(q, np.float64))
+    return _bodies(True, hand, np.eye(4), np.asarray(q, np.float64))

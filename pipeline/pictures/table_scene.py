@@ -8,6 +8,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from pipeline.hand.model import Hand
 from pipeline.pictures.camera import look_at
 from pipeline.pictures.colours import SPONGE_COLOUR
 from pipeline.pictures.render import Body, render
@@ -18,15 +19,15 @@ CAMERA_POSITION, CAMERA_TARGET, CAMERA_DEGREES = (1.55, -0.62, 0.70), (0.46, 0.0
 
 
 def moment_picture(
-    robot_q: NDArray[np.float64], objects: Sequence[Body], sponge_height: float, width: int, height: int
+    robot_q: NDArray[np.float64], hand: Hand, objects: Sequence[Body], sponge_height: float, width: int, height: int
 ) -> NDArray[np.uint8]:
-    """Return a picture (height, width, 3) of the robot at ``robot_q`` (23,), rad, objects and sponge.
+    """Return a picture (height, width, 3) of the robot at ``robot_q`` (7 + J,), rad, objects and sponge.
 
     Args:
         objects: placed in the world frame.
         sponge_height: m.
     """
-    bodies = [*robot_bodies(robot_q), *objects, _sponge(sponge_height)]
+    bodies = [*robot_bodies(robot_q, hand), *objects, _sponge(sponge_height)]
     camera = look_at(CAMERA_POSITION, CAMERA_TARGET, CAMERA_DEGREES)
     return render(bodies, camera, width, height, floor=0.0)
 

@@ -15,7 +15,7 @@ from pydantic import BaseModel
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
-from pipeline.records.parameters.hand import description_file
+from pipeline.records.hands import description_file
 
 
 def digest(*values: Any) -> str:

@@ -20,6 +20,7 @@ class Source:
     stage: str  # of dvc.yaml, which makes its tables
     table: Callable[[str], Path]  # from the first object to the file
     of_all_pairs: bool = True  # otherwise of the pairs under `reconstructed` in params.yaml, in frames of photos
+    of_single_grasps: bool = False  # whose rows are those of `validate`, which know the contacts
     abbreviation: str = ""  # of its grasps in published tables, which are about all pairs
 
     @property
@@ -37,6 +38,7 @@ SOURCES = {
             origin="merged from two single grasps",
             stage="merge",
             table=paths.merged_file,
+            of_single_grasps=True,
             abbreviation="SG",
         ),
         Source(

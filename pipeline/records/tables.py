@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 
 from pipeline.records import energy_terms
 from pipeline.records.errors import UserError
-from pipeline.records.parameters.hand import ALLEGRO
+from pipeline.records.hands import ALLEGRO
 from pipeline.records.writing import whole_file
 
 MOST_VALUES = 1_000_000_000  # in one file: six times what a million grasps of two objects have

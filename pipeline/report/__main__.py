@@ -21,6 +21,7 @@ def work() -> None:
     require_allegro(parameters)
     from plotly.offline import get_plotlyjs
 
+    from pipeline.hand.model import load_hand
     from pipeline.records.tables import write_table
     from pipeline.report.content import page_content
     from pipeline.report.counting import count_all
@@ -29,14 +30,15 @@ def work() -> None:
     from pipeline.report.page import build_page
     from pipeline.report.pairs_table import PAIRS, pairs_table
 
+    hand = load_hand(parameters.hand)
     partners = parameters.partners()
     reconstructed = {first: tuple(item.side) for first, item in parameters.reconstructed.items()}
     counts = count_all(parameters.styles, partners, reconstructed, parameters.compute.workers)
     quality = {"learned": load_quality("learned", partners)}
     if reconstructed:
         quality[paths.RECONSTRUCTED] = load_quality(paths.RECONSTRUCTED, reconstructed)
-    content = page_content(parameters, counts, quality["learned"])
-    card = dataset_card(card_content(parameters, counts))
+    content = page_content(parameters, hand, counts, quality["learned"])
+    card = dataset_card(card_content(parameters, hand, counts))
     page = build_page(content, get_plotlyjs())
     write_figures(content)
     write_text(paths.REPORT_PAGE, page)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from pipeline.hand.model import Hand
 from pipeline.records.parameters import Parameters
 from pipeline.report.counting import Counts, PairCounts
 from pipeline.report.drawing import all_shapes, draw_pairs, opening_view
@@ -57,7 +58,7 @@ class PageContent:
 
 
 def page_content(
-    parameters: Parameters, counts: Counts, quality: Mapping[tuple[str, str], Mapping[str, Any]]
+    parameters: Parameters, hand: Hand, counts: Counts, quality: Mapping[tuple[str, str], Mapping[str, Any]]
 ) -> PageContent:
     """Read what the page shows besides counts, draw it, and return all of it.
 
@@ -73,7 +74,7 @@ def page_content(
     harder = load_harder(parameters.harder, evaluate, parameters.physics)
     planned = plan(counts.trials, harder, parameters.report, evaluate)
     opening = [planned.opening] if planned.opening else []
-    drawn = draw_pairs([*planned.shown, *planned.listed, *opening], parameters.compute.workers)
+    drawn = draw_pairs([*planned.shown, *planned.listed, *opening], hand, parameters.compute.workers)
     shown = drawn[: len(planned.shown)]
     tables = {(source, one.view.first, one.view.second): rows for one in drawn for source, rows in one.tables.items()}
     metrics = {name: one.metrics for name, one in reconstructed.items()}
@@ -84,7 +85,7 @@ def page_content(
         trials=counts.trials,
         views=[one.view for one in shown],
         trial_tables=tables | harder_tables(harder),
-        shapes=all_shapes(shown),
+        shapes=all_shapes(shown, hand),
         shape_unit=UNIT,
         success_height=evaluate.success_height,
         hold_seconds=evaluate.hold_seconds,

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 
+from pipeline.hand.model import Hand
 from pipeline.records.parameters import Parameters
 from pipeline.records.tables import MERGED
 from pipeline.report.counting import Counts
@@ -53,14 +54,14 @@ class CardContent:
     settings: Mapping[str, Sequence[Row]]  # per section
 
 
-def card_content(parameters: Parameters, counts: Counts) -> CardContent:
+def card_content(parameters: Parameters, hand: Hand, counts: Counts) -> CardContent:
     """Read what the data card contains besides counts, and return all of it.
 
     Raises:
         UserError: a file is missing or damaged.
     """
     few = len(counts.merges) <= MOST_PAIRS
-    used, pairs = diversity(counts.synthesized, read_validated(counts.singles)) if few else ([], [])
+    used, pairs = diversity(counts.synthesized, read_validated(counts.singles), hand) if few else ([], [])
     names = sorted({name for one in counts.merges for name in (one.first, one.second)})
     return CardContent(
         scale=parameters.scale,

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pipeline.hand.model import Hand
 from pipeline.hand.moves import finger_joints
 from pipeline.hand.parts import part_points
 from pipeline.records import paths
@@ -17,7 +18,6 @@ from pipeline.records.tables import VALIDATED, read_table
 from pipeline.report.counting import SYNTHESIZED, PairCounts, Single
 
 SECTORS = 12  # of the compass, 30 degrees each
-PART_FINGERS = {"pinch": ("thumb", "index", "middle"), "side": ("ring",)}
 
 
 @dataclass(frozen=True)
@@ -55,28 +55,28 @@ class PairDiversity:
     sectors1: int
 
 
-def used_grasps(style: str, object_name: str, validated: pd.DataFrame, used: Iterable[int]) -> UsedGrasps:
+def used_grasps(hand: Hand, style: str, object_name: str, validated: pd.DataFrame, used: Iterable[int]) -> UsedGrasps:
     """Return what is known of the grasps ``used`` (by ``grasp_id``) of a validated table."""
     rows = validated[validated["grasp_id"].isin(set(used))].sort_values("grasp_id")
-    q = np.array(rows["q"].tolist(), np.float64).reshape(-1, 16)
+    q = np.array(rows["q"].tolist(), np.float64).reshape(-1, hand.joint_count)
     poses = [
         pose_matrix(position, quaternion)
         for position, quaternion in zip(rows["position_object_hand"], rows["quaternion_object_hand"], strict=True)
     ]
-    shapes = [transform_points(T, part_points(style, joints)) for T, joints in zip(poses, q, strict=True)]
+    shapes = [transform_points(T, part_points(style, joints, hand)) for T, joints in zip(poses, q, strict=True)]
     distances = np.array(
         [np.linalg.norm(np.stack(shapes) - shape, axis=2).mean(1) for shape in shapes], np.float64
     ).reshape(len(shapes), len(shapes))
-    hand = np.array([T[:3, 3] for T in poses]).reshape(-1, 3)
+    positions = np.array([T[:3, 3] for T in poses]).reshape(-1, 3)
     directions = np.array(rows["approach_direction"].tolist(), np.float64).reshape(-1, 3)
-    joints = finger_joints(PART_FINGERS[style])
+    joints = finger_joints(hand.style(style).fingers, hand)
     return UsedGrasps(
         style=style,
         object_name=object_name,
         validated=int((validated["rejected_by"] == "").sum()),
         grasp_ids=rows["grasp_id"].to_numpy(np.int64),
         distances=distances,
-        sectors=compass_sectors(hand[:, 0], hand[:, 1]),
+        sectors=compass_sectors(positions[:, 0], positions[:, 1]),
         approach_elevations=np.arcsin(np.clip(directions[:, 2], -1.0, 1.0)),
         contact_sets=len({frozenset(map(int, contacts)) for contacts in rows["contact_candidates"]}),
         fingers={str(name): int(count) for name, count in sorted(rows["fingers"].value_counts().items())},
@@ -128,7 +128,7 @@ def used_ids(counts: Iterable[PairCounts], singles: Iterable[Single]) -> dict[Si
 
 
 def diversity(
-    counts: Sequence[PairCounts], validated: Mapping[Single, pd.DataFrame]
+    counts: Sequence[PairCounts], validated: Mapping[Single, pd.DataFrame], hand: Hand
 ) -> tuple[list[UsedGrasps], list[PairDiversity]]:
     """Return the used single grasps of every style and object, and the diversity of every pair.
 
@@ -137,7 +137,7 @@ def diversity(
         validated: the tables of all objects and styles.
     """
     used = {
-        single: used_grasps(single.style, single.object_name, validated[single], ids)
+        single: used_grasps(hand, single.style, single.object_name, validated[single], ids)
         for single, ids in used_ids(counts, validated).items()
     }
     pairs = [

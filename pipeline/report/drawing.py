@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.compute.fan_out import fan_out
+from pipeline.hand.model import Hand
 from pipeline.pictures.camera import framing
 from pipeline.pictures.colours import OBJECT_COLOURS, hexadecimal
 from pipeline.pictures.decimation import Mesh, decimated
@@ -79,6 +80,7 @@ class PairTask:
     """A request with what it needs."""
 
     request: Request
+    hand: Hand
     meshes: tuple[Mesh, Mesh]
     merged: pd.DataFrame  # of all pairs that begin with the first object, likewise the next
     trials: Mapping[str, pd.DataFrame]  # per source
@@ -105,7 +107,7 @@ def small_look(settings: ReportParameters) -> Look:
     return Look(width, height, min(settings.pictures_per_trial, 3), grasps=3, poster=160, fine=False)
 
 
-def draw_pairs(requests: Sequence[Request], workers: int) -> list[Drawn]:
+def draw_pairs(requests: Sequence[Request], hand: Hand, workers: int) -> list[Drawn]:
     """Return what is shown of every pair.
 
     Args:
@@ -114,20 +116,20 @@ def draw_pairs(requests: Sequence[Request], workers: int) -> list[Drawn]:
     Raises:
         UserError: a table or a prepared object is missing or damaged.
     """
-    return fan_out(read_and_draw, requests, workers, "pictures of pairs")
+    return fan_out(partial(read_and_draw, hand), requests, workers, "pictures of pairs")
 
 
-def read_and_draw(request: Request) -> Drawn:
+def read_and_draw(hand: Hand, request: Request) -> Drawn:
     """Read what a request needs and draw it; a run of many pairs does not fit into memory at once."""
     sources = dict.fromkeys([*request.listed, *(source for source, _ in request.strips)])
     merged = read_table(*grasps_of(SYNTHESIZED, request.first)) if SYNTHESIZED in request.listed else pd.DataFrame()
     trials = {source: read_table(*trials_of(source, request.first)) for source in sources}
-    return draw_pair(PairTask(request, (read_mesh(request.first), read_mesh(request.second)), merged, trials))
+    return draw_pair(PairTask(request, hand, (read_mesh(request.first), read_mesh(request.second)), merged, trials))
 
 
 def draw_pair(task: PairTask) -> Drawn:
     """Return what is shown of one pair: some merged grasps, the trials that the request names, and lists of trials."""
-    request, pair = task.request, (task.request.first, task.request.second)
+    request, hand, pair = task.request, task.hand, (task.request.first, task.request.second)
     chosen = {source: choose_trials(*pair, task.trials[source]) for source, _ in request.strips}
     wanted = [chosen[source].failure if failed else chosen[source].success for source, failed in request.strips]
     shown = [row for row in wanted if row is not None]
@@ -141,10 +143,10 @@ def draw_pair(task: PairTask) -> Drawn:
     view = PairView(
         first=request.first,
         second=request.second,
-        grasps=[grasp_record(grasp, _placed_links(np.asarray(grasp["q"]))) for grasp in grasps],
+        grasps=[grasp_record(grasp, _placed_links(np.asarray(grasp["q"]), hand)) for grasp in grasps],
         rows=[grasp_row(grasp) for grasp in grasps],
-        poster=grasp_poster(grasps[0], bodies, request.look.poster) if grasps else None,
-        strips=[trial_strip(row, bodies, request.look, request.evaluate) for row in shown],
+        poster=grasp_poster(grasps[0], bodies, hand, request.look.poster) if grasps else None,
+        strips=[trial_strip(row, bodies, hand, request.look, request.evaluate) for row in shown],
     )
     records = {f"object/{name}": shape_record(shape) for name, shape in zip(pair, shapes, strict=False) if grasps}
     return Drawn(view, records, {source: trials_table(source, *pair, task.trials[source]) for source in request.listed})
@@ -159,27 +161,28 @@ def opening_view(drawn: Iterable[Drawn]) -> PairView | None:
     return None
 
 
-def all_shapes(drawn: Iterable[Drawn]) -> dict[str, dict[str, list[int]]]:
+def all_shapes(drawn: Iterable[Drawn], hand: Hand) -> dict[str, dict[str, list[int]]]:
     """Return the shapes that the interactive grasps of all pairs place, those of the hand among them."""
     shapes = dict(sorted((name, shape) for one in drawn for name, shape in one.shapes.items()))
-    return shapes | _link_shapes() if shapes else {}
+    return shapes | _link_shapes(hand) if shapes else {}
 
 
 @lru_cache(maxsize=1)
-def _link_shapes() -> dict[str, dict[str, list[int]]]:
-    links = hand_bodies(np.eye(4), np.zeros(16))
+def _link_shapes(hand: Hand) -> dict[str, dict[str, list[int]]]:
+    links = hand_bodies(np.eye(4), np.zeros(hand.joint_count), hand)
     return {
         f"hand/{index:02d}": shape_record(decimated((body.vertices, body.faces), MOST_LINK_FACES))
         for index, body in enumerate(links)
     }
 
 
-def _placed_links(q: NDArray[np.float64]) -> list[tuple[str, NDArray[np.float64], str]]:
-    """Return shape, pose in the hand frame and colour of every part of the hand at ``q`` (16,)."""
-    lighter = [1 - (1 - HAND_LIGHTENING) * (1 - np.asarray(body.colour)) for body in hand_bodies(np.eye(4), q)]
+def _placed_links(q: NDArray[np.float64], hand: Hand) -> list[tuple[str, NDArray[np.float64], str]]:
+    """Return shape, pose in the hand frame and colour of every part of the hand at ``q`` (J,)."""
+    bodies = hand_bodies(np.eye(4), q, hand)
+    lighter = [1 - (1 - HAND_LIGHTENING) * (1 - np.asarray(body.colour)) for body in bodies]
     return [
         (f"hand/{index:02d}", body.T_world, hexadecimal(colour))
-        for index, (body, colour) in enumerate(zip(hand_bodies(np.eye(4), q), lighter, strict=True))
+        for index, (body, colour) in enumerate(zip(bodies, lighter, strict=True))
     ]
 
 
@@ -194,13 +197,13 @@ def _placed(objects: Sequence[Body], poses: Sequence[NDArray[np.float64]]) -> li
     return [body.placed(T) for body, T in zip(objects, poses, strict=True)]
 
 
-def grasp_poster(grasp: Mapping[str, Any], objects: Sequence[Body], size: int) -> bytes:
+def grasp_poster(grasp: Mapping[str, Any], objects: Sequence[Body], hand: Hand, size: int) -> bytes:
     """Return a square WebP of a merged grasp (a row of a merged table), seen as in the interactive view.
 
     Args:
         size: pixels of its edge.
     """
-    bodies = hand_bodies(np.eye(4), np.asarray(grasp["q"]))
+    bodies = hand_bodies(np.eye(4), np.asarray(grasp["q"]), hand)
     bodies += _placed(objects, [object_pose(grasp, index) for index in (0, 1)])
     points = np.concatenate([body.world_vertices() for body in bodies])
     camera = framing(points, GRASP_AZIMUTH, GRASP_ELEVATION, aspect=1.0)
@@ -210,6 +213,7 @@ def grasp_poster(grasp: Mapping[str, Any], objects: Sequence[Body], size: int) -
 def trial_strip(
     trial: Mapping[str, Any],
     objects: Sequence[Body],
+    hand: Hand,
     look: Look,
     evaluate: EvaluateParameters,
 ) -> Strip:
@@ -221,7 +225,7 @@ def trial_strip(
         world = np.asarray([trial["snapshot_pose0"][moment], trial["snapshot_pose1"][moment]], dtype=np.float64)
         robot_q = np.asarray(trial["snapshot_robot_q"][moment], dtype=np.float64)
         bodies = _placed(objects, list(pose_matrix(world[:, :3], world[:, 3:])))
-        pictures.append(moment_picture(robot_q, bodies, evaluate.sponge_height, look.width, look.height))
+        pictures.append(moment_picture(robot_q, hand, bodies, evaluate.sponge_height, look.width, look.height))
     success = bool(trial["success"])
     outcome = "success" if success else f"failed: {trial['reason']}"
     return Strip(

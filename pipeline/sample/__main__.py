@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any
 from pipeline.records import paths
 from pipeline.records.digests import digest, file_digest, folder_digest, hand_digest, prepared_digest
 from pipeline.records.errors import UserError
+from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters import chosen_pairs, load_with_workers
-from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.parameters.names import require_name
 from pipeline.stages.code import own_fingerprint
 from pipeline.stages.items import Keep, Stage, make_by_hand, make_items, one_by_one
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from pipeline.compute.pool import Work
+    from pipeline.hand.model import Hand
     from pipeline.model.checkpoint import Checkpoint
     from pipeline.records.objects import PreparedObject
     from pipeline.sample.proposals import Drawn
@@ -59,12 +60,13 @@ def sample(source: str, only: str) -> None:
     )
 
     from pipeline.compute.shared import Shared
-    from pipeline.model.checkpoint import read_checkpoint
+    from pipeline.hand.model import load_hand
     from pipeline.records.tables import MERGED
     from pipeline.sample.proposals import Model, sampling
     from pipeline.stages.seeds import item_seed
 
-    checkpoint = read_checkpoint(paths.MODEL_FOLDER)
+    hand = load_hand(ALLEGRO)
+    checkpoint = _checkpoint(hand)
     output = TablesWithFigures(paths.sampled_file(source, "").parent, MERGED, ("object1",))
     stage = Stage(f"sample@{source}", "pairs", output)
 
@@ -75,9 +77,9 @@ def sample(source: str, only: str) -> None:
             seed = item_seed(parameters["seed"], "train", seen.identity, first, second) % 2**31
             objects = seen.objects(first, second)
             points = (objects[0].surface_points, objects[1].surface_points)
-            table, drawn, figures = yield from sampling(model, _task(parameters, objects, points, seed))
+            table, drawn, figures = yield from sampling(model, _task(parameters, hand, objects, points, seed))
             if source != paths.RECONSTRUCTED:
-                figures |= _against_known(checkpoint, (first, second), _merged(first, second), drawn)
+                figures |= _against_known(checkpoint, hand, (first, second), _merged(first, second), drawn)
             keep(key, (output.rows(table), figures))
             print(f"{first} then {second}, {source}: {len(_accepted(table))} accepted of {len(table)} tried")
 
@@ -87,9 +89,29 @@ def sample(source: str, only: str) -> None:
             return
         values = [parameters[name] for name in sections(source) if name not in ("styles", "pairs", "reconstructed")]
         files = [file_digest(paths.MODEL_FOLDER / name, "train") for name in ("model.json", "model.safetensors")]
-        common = digest(own_fingerprint("sample"), source, values, files, hand_digest(ALLEGRO))
+        common = digest(own_fingerprint("sample"), source, values, files, hand_digest(hand.name))
         fingerprints = {"/".join(key): digest(common, key, seen.digest(*key)) for key in keys}
         make_items(stage, fingerprints, one_by_one(work), workers)
+
+
+def _checkpoint(hand: Hand) -> Checkpoint:
+    """Return the trained model.
+
+    Raises:
+        UserError: there is none, it is damaged, or it was trained for another hand.
+    """
+    from pipeline.model.checkpoint import read_checkpoint
+    from pipeline.model.held_out import STYLES
+    from pipeline.model.representation import dimensions
+
+    checkpoint = read_checkpoint(paths.MODEL_FOLDER)
+    trained, wanted = len(checkpoint.normalisation.mean), dimensions(len(STYLES), hand)
+    if trained != wanted:
+        raise UserError(
+            f"{paths.MODEL_FOLDER} knows grasps of {trained} numbers, those of the hand {hand.name} have {wanted}; run "
+            "`dvc repro train` to make it for this hand."
+        )
+    return checkpoint
 
 
 class _Prepared:
@@ -163,7 +185,9 @@ def _merged(first: str, second: str) -> pd.DataFrame:
     return pair_rows(_table(first), second)
 
 
-def _against_known(checkpoint: Checkpoint, pair: tuple[str, str], merged: pd.DataFrame, drawn: Drawn) -> dict[str, Any]:
+def _against_known(
+    checkpoint: Checkpoint, hand: Hand, pair: tuple[str, str], merged: pd.DataFrame, drawn: Drawn
+) -> dict[str, Any]:
     """Return whether the model was trained on a pair, and how near its samples come to grasps it has not seen.
 
     Args:
@@ -181,10 +205,10 @@ def _against_known(checkpoint: Checkpoint, pair: tuple[str, str], merged: pd.Dat
     held_out, seen = known[unseen], known[~unseen][: len(drawn.ranked.grasps)]
     return {
         "trained": trained,
-        "held_out": nearest_samples(grasps_of(held_out), drawn.ranked.grasps) if len(held_out) else {},
+        "held_out": nearest_samples(hand, grasps_of(held_out), drawn.ranked.grasps) if len(held_out) else {},
         # What as many grasps to learn from cover: no set of that size can be expected to do much better.
         "held_out_by_training": (
-            nearest_samples(grasps_of(held_out), grasps_of(seen)) if len(held_out) and len(seen) else {}
+            nearest_samples(hand, grasps_of(held_out), grasps_of(seen)) if len(held_out) and len(seen) else {}
         ),
     }
 
@@ -194,12 +218,13 @@ def _accepted(table: Any) -> Any:
     return table.loc[table["rejected_by"] == "", "merged_id"].to_numpy(dtype="int64")
 
 
-def _task(parameters: dict[str, Any], objects: Any, points: Any, seed: int) -> Any:
+def _task(parameters: dict[str, Any], hand: Hand, objects: Any, points: Any, seed: int) -> Any:
     from pipeline.pairing.combination import Pair
     from pipeline.sample.proposals import Task
 
     return Task(
         pair=Pair(objects[0], objects[1], parameters["merge"], parameters["physics"], parameters["validate"]),
+        hand=hand,
         points=points,
         settings=parameters["train.sampling"],
         energy=parameters["synthesize.energy"],
@@ -219,7 +244,7 @@ def sample_own(sources: tuple[Path, Path], count: int, output: Path) -> None:
     from time import perf_counter
 
     from pipeline.energy.scene import compile_kernels
-    from pipeline.model.checkpoint import read_checkpoint
+    from pipeline.hand.model import load_hand
     from pipeline.records.tables import MERGED, write_table
     from pipeline.records.writing import whole_file, write_json
     from pipeline.sample.own_objects import load_own_object
@@ -227,12 +252,13 @@ def sample_own(sources: tuple[Path, Path], count: int, output: Path) -> None:
     from pipeline.sample.view import grasp_page
 
     (first, points0, centre0), (second, points1, centre1) = (load_own_object(source) for source in sources)
-    checkpoint = read_checkpoint(paths.MODEL_FOLDER)
+    hand = load_hand(ALLEGRO)
+    checkpoint = _checkpoint(hand)
     model = checkpoint.model()
     settings = parameters["train.sampling"]
     enough = {"grasps": count, "draws": max(settings.draws, 2 * count)}
     parameters["train.sampling"] = settings.model_copy(update=enough)
-    task = _task(parameters, (first, second), (points0, points1), parameters["seed"])
+    task = _task(parameters, hand, (first, second), (points0, points1), parameters["seed"])
     energy = pair_energy(task)
     compile_kernels()
     begin = perf_counter()
@@ -251,7 +277,7 @@ def sample_own(sources: tuple[Path, Path], count: int, output: Path) -> None:
         )
     rows = accepted.to_dict("records")
     with whole_file(output / "grasps.html") as temporary:
-        temporary.write_text(grasp_page(rows, (first, second)), encoding="utf-8")
+        temporary.write_text(grasp_page(rows, (first, second), hand), encoding="utf-8")
     own_frames = in_frames_of_files(accepted, centre0, centre1)
     write_table(output / "grasps.parquet", own_frames, MERGED)
     own = [{name: plain(value) for name, value in row.items()} for row in own_frames.to_dict("records")]

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from pipeline.energy.arrays import torque_scale
 from pipeline.energy.contacts import contact_shares, contact_slots, force_closure
-from pipeline.hand.allegro import Hand
 from pipeline.hand.kinematics import link_poses, points_on_links
+from pipeline.hand.model import Hand
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
 from pipeline.records.poses import transform_points
@@ -69,7 +69,7 @@ def choose_contacts(
 
     Args:
         T_object_hand: (B, 4, 4).
-        q: (B, 16) rad.
+        q: (B, J) rad.
     """
     points = transform_points(
         T_object_hand, points_on_links(link_poses(hand, q), hand.contact_link, hand.contact_points)

@@ -9,9 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import EXTENDED_FINGER, RING_JOINTS, Hand
 from pipeline.hand.approach import HandAtObject, choose_approach
-from pipeline.hand.moves import squeeze_joints
+from pipeline.hand.model import Hand
+from pipeline.hand.moves import finger_joints, squeeze_joints, straight
+from pipeline.model.held_out import STYLES
 from pipeline.pairing.grasps import SingleGrasp
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.validate import ValidateParameters
@@ -32,17 +33,17 @@ def single_grasps(
 
     Args:
         T_hand_object: (2, 4, 4).
-        q: (16,) rad.
+        q: (J,) rad.
         index: row of the sample in ``contacts``; becomes the ``grasp_id``.
     """
     halves = []
-    for slot, style in enumerate(("pinch", "side")):
+    for slot, style in enumerate(STYLES):
         own = contacts[slot]
         fingers, candidates = own.fingers[index], own.candidates[index]
         inward = -own.normals[index] @ T_hand_object[slot, :3, :3].T
         posture = q.copy()
-        if style == "pinch":  # while the hand comes to object 0, nothing is in the ring finger yet
-            posture[RING_JOINTS] = EXTENDED_FINGER
+        waiting = hand.style(style).waiting  # while the hand comes to object 0, nothing is in these fingers yet
+        posture[finger_joints(waiting, hand)] = straight(waiting, hand)
         T_object_hand = inverse_pose(T_hand_object[slot])
         opening = limits.pinch_opening if style == "pinch" else limits.side_opening
         grasp = HandAtObject(hand, style, T_object_hand, posture, candidates)

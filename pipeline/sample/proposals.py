@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.compute.fan_out import Workers
 from pipeline.compute.pool import Calls, Work, run_one
 from pipeline.compute.shared import Shared
-from pipeline.hand.allegro import load_hand
+from pipeline.hand.model import Hand
 from pipeline.model.checkpoint import Checkpoint
 from pipeline.model.network import GraspModel
 from pipeline.pairing.combination import Pair, try_combination
@@ -36,6 +36,7 @@ class Task:
     """Everything that proposals for one pair depend on, besides the model."""
 
     pair: Pair
+    hand: Hand
     points: tuple[NDArray[np.float64], NDArray[np.float64]]  # what the model sees of the objects, object frames, m
     settings: SamplingParameters
     energy: EnergyParameters
@@ -55,14 +56,14 @@ class Drawn:
 def pair_energy(task: Task) -> PairEnergy:
     """Return the energy of the task's pair."""
     objects = task.pair.object0, task.pair.object1
-    return PairEnergy(objects, task.energy, task.styles, task.pair.merge.clearance)
+    return PairEnergy(objects, task.energy, task.styles, task.pair.merge.clearance, task.hand)
 
 
 def draw_grasps(checkpoint: Checkpoint, model: GraspModel, task: Task, energy: PairEnergy) -> Drawn:
     """Sample, refine and rank grasps of one pair."""
     settings = task.settings
     grasps, violation = sample_grasps(
-        checkpoint, model, task.points, settings.draws, settings.sampler, settings.steps, task.seed
+        checkpoint, model, task.hand, task.points, settings.draws, settings.sampler, settings.steps, task.seed
     )
     rng = np.random.default_rng(task.seed)
     raw = refine(energy, grasps, 0, settings.refine_step, rng)
@@ -85,7 +86,7 @@ def checking(task: Task, drawn: Drawn) -> Work[pd.DataFrame]:
     pair = checked_pair(task.pair, settings)
     rows: list[dict[str, Any]] = []
     accepted = 0
-    with Shared((pair, drawn.ranked)) as shared:
+    with Shared((pair, task.hand, drawn.ranked)) as shared:
         while accepted < settings.grasps and len(rows) < settings.draws:
             count = min(CHUNK, settings.grasps - accepted + SPARE, settings.draws - len(rows))
             done = accepted / settings.grasps
@@ -144,15 +145,15 @@ def checked_pair(pair: Pair, settings: SamplingParameters) -> Pair:
     return replace(pair, merge=pair.merge.model_copy(update=changes))
 
 
-def _check(shared: Shared[tuple[Pair, Scored]], index: int) -> dict[str, Any]:
+def _check(shared: Shared[tuple[Pair, Hand, Scored]], index: int) -> dict[str, Any]:
     return check_sample(*shared.value, index)
 
 
-def check_sample(pair: Pair, scored: Scored, index: int) -> dict[str, Any]:
+def check_sample(pair: Pair, hand: Hand, scored: Scored, index: int) -> dict[str, Any]:
     """Return the row of one sample, all columns of ``MERGED`` but ``merged_id``; ``pair`` of :func:`checked_pair`."""
     objects, grasps = (pair.object0, pair.object1), scored.grasps
     first, second = single_grasps(
-        load_hand(), objects, grasps.T_hand_object[index], grasps.q[index], scored.contacts, index, pair.validate
+        hand, objects, grasps.T_hand_object[index], grasps.q[index], scored.contacts, index, pair.validate
     )
     ready = ready_first(pair.object0, settling_physics(pair.merge, pair.physics, pair.validate), first)
     return try_combination(pair, ready, second)
@@ -163,7 +164,7 @@ def quality(energy: PairEnergy, scored: Scored) -> dict[str, float]:
 
     Medians over samples; of the overlap of the objects the largest.
     """
-    hand, grasps = load_hand(), scored.grasps
+    hand, grasps = energy.hand, scored.grasps
     depths = [
         penetration_depth(hand, item, energy.fields[slot], grasps.T_hand_object[:, slot], grasps.q)
         for slot, item in enumerate(energy.objects)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import Hand, load_hand
 from pipeline.hand.kinematics import link_poses, points_on_links
+from pipeline.hand.model import Hand
 from pipeline.hand.surface import hand_surface
 from pipeline.model.representation import GraspBatch
 from pipeline.records.objects import PreparedObject
@@ -30,10 +30,10 @@ def penetration_depth(
 
     Args:
         T_hand_object: (B, 4, 4).
-        q: (B, 16) rad.
+        q: (B, J) rad.
     """
     T_hand_link = link_poses(hand, q)
-    link, local = hand_surface(HAND_POINTS)
+    link, local = hand_surface(HAND_POINTS, hand)
     on_hand = transform_points(inverse_pose(T_hand_object), points_on_links(T_hand_link, link, local))
     deepest = np.maximum(-field.look_up(on_hand)[0].min(1), 0.0)
     on_object = transform_points(T_hand_object, prepared.surface_points[:OBJECT_POINTS])
@@ -52,7 +52,7 @@ def grasp_distances(hand: Hand, first: GraspBatch, second: GraspBatch) -> NDArra
     The distance is the mean, over both objects, of how far points of the hand are from their counterparts, seen from
     the object.
     """
-    link, local = hand_surface(SHAPE_POINTS)
+    link, local = hand_surface(SHAPE_POINTS, hand)
     total = np.zeros((len(first), len(second)))
     for slot in (0, 1):
         shapes = []
@@ -64,9 +64,9 @@ def grasp_distances(hand: Hand, first: GraspBatch, second: GraspBatch) -> NDArra
     return total
 
 
-def nearest_samples(held_out: GraspBatch, samples: GraspBatch) -> dict[str, float]:
+def nearest_samples(hand: Hand, held_out: GraspBatch, samples: GraspBatch) -> dict[str, float]:
     """Return the share of held-out grasps that some sample is near to, and how far the nearest one is, median, mm."""
-    nearest = grasp_distances(load_hand(), held_out, samples).min(1)
+    nearest = grasp_distances(hand, held_out, samples).min(1)
     return {
         "grasps": len(nearest),
         "covered": float((nearest < COVERED).mean()),

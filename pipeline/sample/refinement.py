@@ -1,9 +1,9 @@
 """Samples moved a little so that they touch what they should and overlap nothing: the grasp energy of both objects.
 
-The state of a two-object grasp has 28 degrees of freedom: the hand's pose in the frame of either object (6 each, see
-``pipeline.energy.kernel``) and the joints. Its energy is that of the pinch grasp of object 0, that of the
-side grasp of object 1, and the overlap of the two objects. Steps go down the gradient, every degree of freedom scaled
-by the running root mean square of its own slope, and grow shorter; the best state is kept.
+The state of a two-object grasp has 12 + J degrees of freedom: the hand's pose in the frame of either object (6 each,
+see ``pipeline.energy.kernel``) and the joints. Its energy is that of the pinch grasp of object 0, that of the side
+grasp of object 1, and the overlap of the two objects. Steps go down the gradient, every degree of freedom scaled by the
+running root mean square of its own slope, and grow shorter; the best state is kept.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline.energy.scene import EnergyScene, Grasps
-from pipeline.hand.allegro import Hand, load_hand
+from pipeline.hand.model import Hand
 from pipeline.model.representation import GraspBatch
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
@@ -60,10 +60,11 @@ class PairEnergy:
         energy: EnergyParameters,
         styles: tuple[StyleParameters, StyleParameters],
         clearance: float,
+        hand: Hand,
     ) -> None:
-        self.hand: Hand = load_hand()
+        self.hand = hand
         self.objects, self.settings, self.styles, self.clearance = objects, energy, styles, clearance
-        self.scenes = [EnergyScene(item, energy, style) for item, style in zip(objects, styles, strict=True)]
+        self.scenes = [EnergyScene(item, energy, style, hand) for item, style in zip(objects, styles, strict=True)]
         self.fields = [DistanceField(item) for item in objects]
 
     def contacts(self, grasps: GraspBatch, rng: np.random.Generator) -> tuple[Contacts, Contacts]:
@@ -79,12 +80,12 @@ class PairEnergy:
     def evaluate(
         self, grasps: GraspBatch, contacts: tuple[Contacts, Contacts]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return energies (B,), gradients (B, 28), penetration (B,) and overlap (B,), m.
+        """Return energies (B,), gradients (B, 12 + J), penetration (B,) and overlap (B,), m.
 
         Degrees of freedom: pose in the frame of object 0, pose in that of object 1, joints; rotations in hand axes.
         """
         T_object_hand = inverse_pose(grasps.T_hand_object)
-        energy, gradient = np.zeros(len(grasps)), np.zeros((len(grasps), 2 * POSE + 16))
+        energy, gradient = np.zeros(len(grasps)), np.zeros((len(grasps), 2 * POSE + self.hand.joint_count))
         penetration = np.zeros(len(grasps))
         for slot, scene in enumerate(self.scenes):
             position, quaternion = position_quaternion(T_object_hand[:, slot])
@@ -145,7 +146,7 @@ class PairEnergy:
         return np.maximum(deepest, 0.0)
 
     def moved(self, grasps: GraspBatch, step: NDArray[np.float64]) -> GraspBatch:
-        """Return grasps displaced by steps (B, 28), joints within limits."""
+        """Return grasps displaced by steps (B, 12 + J), joints within limits."""
         T = inverse_pose(grasps.T_hand_object)
         for slot in (0, 1):
             begin = slot * POSE

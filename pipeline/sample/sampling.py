@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import load_hand
+from pipeline.hand.model import Hand
 from pipeline.model.checkpoint import Checkpoint
 from pipeline.model.clouds import Clouds, prepare_cloud, stack
 from pipeline.model.diffusion import draw
@@ -19,19 +19,20 @@ CLOUDS = 8  # draws of each object's points, shared among the samples: no sample
 def sample_grasps(
     checkpoint: Checkpoint,
     model: GraspModel,
+    hand: Hand,
     points: tuple[NDArray[np.float64], NDArray[np.float64]],
     count: int,
     sampler: str,
     steps: int,
     seed: int,
 ) -> tuple[GraspBatch, NDArray[np.float64]]:
-    """Return ``count`` grasps of a pair and how far their joints lay beyond the limits, (count, 16) rad.
+    """Return ``count`` grasps of a pair and how far their joints lay beyond the limits, (count, J) rad.
 
     Args:
         points: surface points (m, 3) of object 0 and object 1, object frame.
     """
     clouds = sampled_clouds(checkpoint, points, min(CLOUDS, count), seed)
-    return grasps_from_clouds(checkpoint, model, clouds, count, sampler, steps, seed)
+    return grasps_from_clouds(checkpoint, model, hand, clouds, count, sampler, steps, seed)
 
 
 def sampled_clouds(
@@ -43,7 +44,14 @@ def sampled_clouds(
 
 
 def grasps_from_clouds(
-    checkpoint: Checkpoint, model: GraspModel, clouds: Clouds, count: int, sampler: str, steps: int, seed: int
+    checkpoint: Checkpoint,
+    model: GraspModel,
+    hand: Hand,
+    clouds: Clouds,
+    count: int,
+    sampler: str,
+    steps: int,
+    seed: int,
 ) -> tuple[GraspBatch, NDArray[np.float64]]:
     """Return what :func:`sample_grasps` does, from clouds of :func:`sampled_clouds`."""
     draws = len(clouds) // 2
@@ -62,4 +70,4 @@ def grasps_from_clouds(
             generator,
         )
     vectors = checkpoint.normalisation.undo(normal.cpu().numpy().astype(np.float64))
-    return from_vectors(load_hand(), vectors), joint_violation(vectors, load_hand())
+    return from_vectors(hand, vectors), joint_violation(vectors, hand)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.allegro import load_hand
 from pipeline.hand.kinematics import link_poses
+from pipeline.hand.model import Hand
 from pipeline.pictures.colours import OBJECT_COLOURS_HTML
 from pipeline.pictures.decimation import Mesh, decimated
 from pipeline.records.objects import PreparedObject
@@ -21,11 +21,10 @@ TITLE = "Learned grasps, best first; hand frame, metres"
 MOST_FACES = 1200  # of an object: the page repeats every shape for every grasp
 
 
-def hand_mesh(q: NDArray[np.float64]) -> Mesh:
-    """Return the collision shapes of the hand at ``q`` (16,) as one mesh, hand frame."""
+def hand_mesh(q: NDArray[np.float64], hand: Hand) -> Mesh:
+    """Return the collision shapes of the hand at ``q`` (J,) as one mesh, hand frame."""
     import trimesh
 
-    hand = load_hand()
     T = link_poses(hand, q[None])[0]
     parts = []
     for link, pose, half in zip(hand.box_link, hand.box_pose, hand.box_half, strict=True):
@@ -37,14 +36,14 @@ def hand_mesh(q: NDArray[np.float64]) -> Mesh:
     return np.asarray(joined.vertices), np.asarray(joined.faces)
 
 
-def grasp_page(rows: Sequence[Mapping[str, Any]], objects: tuple[PreparedObject, PreparedObject]) -> str:
+def grasp_page(rows: Sequence[Mapping[str, Any]], objects: tuple[PreparedObject, PreparedObject], hand: Hand) -> str:
     """Return the page; ``rows`` are of a merged table, in the frames of ``objects``."""
     import plotly.graph_objects as go
 
     shapes = [decimated((prepared.vertices, prepared.faces), MOST_FACES) for prepared in objects]
     figure = go.Figure()
     for index, row in enumerate(rows):
-        meshes: list[tuple[Mesh, str, str]] = [(hand_mesh(np.asarray(row["q"], np.float64)), HAND_COLOUR, "hand")]
+        meshes: list[tuple[Mesh, str, str]] = [(hand_mesh(np.asarray(row["q"], np.float64), hand), HAND_COLOUR, "hand")]
         for slot, prepared in enumerate(objects):
             T = pose_matrix(row[f"position_hand_object{slot}"], row[f"quaternion_hand_object{slot}"])
             vertices, faces = shapes[slot]

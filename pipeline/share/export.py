@@ -15,7 +15,7 @@ import pandas as pd
 import pyarrow as pa
 
 from pipeline.records.errors import UserError
-from pipeline.records.sources import OF_ALL_PAIRS
+from pipeline.records.sources import OF_ALL_PAIRS, SOURCES
 from pipeline.records.tables import MERGED, write_table
 from pipeline.share.grasps import GRASP_COLUMNS, chosen_pairs, grasps_of
 from pipeline.share.project import STYLES, Project, objects_of, open_project
@@ -103,9 +103,11 @@ def _export_pairs(project: Project, file: Path, grasps: pd.DataFrame, no_contact
         return [file]
     from pipeline.hand.allegro import load_hand
 
-    learned = grasps["source"].eq("learned").any()
-    if learned and not no_contacts:
-        raise UserError("learned grasps have no contact indices; give --no-contacts, as the released sampler does.")
+    without = [name for name in grasps["source"].unique() if not SOURCES[name].of_single_grasps]
+    if without and not no_contacts:
+        raise UserError(
+            f"{without[0]} grasps have no contact indices; give --no-contacts, as the released sampler does."
+        )
     singles = None
     if not no_contacts:
         wanted = [(style, name) for index, style in enumerate(STYLES) for name in grasps[f"object{index}"].unique()]

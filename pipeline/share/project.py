@@ -25,8 +25,8 @@ from pydantic import TypeAdapter
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
+from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters import OBJECT_NAME
-from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.parameters.pairs import PairsParameter, partners
 from pipeline.records.tables import check_size, hand_of_schema
 from pipeline.records.texts import parse_yaml

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -15,7 +15,7 @@ from pipeline.compute.pool import Calls, Work, run_one
 from pipeline.compute.shared import Shared
 from pipeline.energy.contacts import contact_slots
 from pipeline.energy.scene import EnergyScene, Grasps, compile_kernels
-from pipeline.hand.model import Hand, load_hand
+from pipeline.hand.model import Hand
 from pipeline.records.energy_terms import Terms
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters, StyleParameters
@@ -36,8 +36,8 @@ class Request:
     energy: EnergyParameters
     optimizer: OptimizerParameters
     settings: StyleParameters
+    hand: Hand
     waiting: tuple[str, ...] = ()  # fingers that are straight, as they pick other objects later
-    hand: Hand = field(default_factory=load_hand)  # the Allegro when left out
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def first_states(
 def run_block(request: Request, block: Block) -> tuple[Grasps, Terms]:
     """Return the states that a block's chains end with, and their terms."""
     hand = request.hand
-    scene = EnergyScene(request.prepared, request.energy, request.settings, request.optimizer.device, hand)
+    scene = EnergyScene(request.prepared, request.energy, request.settings, hand, request.optimizer.device)
     first, slots, free, seeds = first_states(request, block, scene)
     settings = request.settings
     best, _ = run_chains(scene, request.optimizer, settings.iterations, first, slots, free, seeds, settings.starts)

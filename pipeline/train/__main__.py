@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
 from pipeline.records.digests import digest, hand_digest
+from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters import chosen_pairs, load_parameters
-from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.parameters.train import TrainingParameters
 from pipeline.stages.code import own_fingerprint
 from pipeline.stages.items import Keep, Stage, all_wanted, make_items
@@ -40,6 +40,7 @@ def train_model() -> None:
     parameters = load_parameters(sections())
     seed, data = parameters["seed"], parameters["train.data"]
 
+    from pipeline.hand.model import load_hand
     from pipeline.model.checkpoint import write_checkpoint
     from pipeline.records.objects import load_prepared_object
     from pipeline.records.tables import MERGED, pair_rows, read_table
@@ -57,7 +58,8 @@ def train_model() -> None:
     settings = {name.partition(".")[2]: value for name, value in parameters.items() if name.startswith("train.")}
     training = TrainingParameters(**settings)
     examples = gather_examples(tables, objects, data, settings["encoder"], seed)
-    code = digest(own_fingerprint("train"), hand_digest(ALLEGRO))
+    hand = load_hand(ALLEGRO)
+    code = digest(own_fingerprint("train"), hand_digest(hand.name))
 
     if all_wanted():
         paths.TRAINING_STATE.unlink(missing_ok=True)
@@ -65,7 +67,7 @@ def train_model() -> None:
     def work(keep: Keep) -> Work[None]:
         from tempfile import TemporaryDirectory
 
-        checkpoint, history = train(examples, training, seed, paths.TRAINING_STATE, code)
+        checkpoint, history = train(examples, training, seed, paths.TRAINING_STATE, hand, code)
         with TemporaryDirectory() as temporary:
             write_checkpoint(Path(temporary) / "model", checkpoint, history)
             keep("", files_in(Path(temporary) / "model"))

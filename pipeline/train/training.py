@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from pipeline.compute.progress import watched
-from pipeline.hand.allegro import load_hand
+from pipeline.hand.model import Hand
 from pipeline.model.checkpoint import Checkpoint
 from pipeline.model.diffusion import signal_and_noise, target
 from pipeline.model.network import CloudTensors, GraspModel, cloud_tensors
@@ -38,6 +38,7 @@ from pipeline.stages.seeds import item_seed
 from pipeline.train.data import Examples
 
 FEW = 4  # draws per object that the network is calibrated with
+TURNS = 16  # of every object, for statistics of turned grasps
 VALIDATION_DRAWS = 8  # noises per held-out example; always the same ones, so that points of the curve compare
 
 
@@ -45,25 +46,25 @@ VALIDATION_DRAWS = 8  # noises per held-out example; always the same ones, so th
 class Batch:
     """Everything random of one step, as tensors."""
 
-    clean: Tensor  # (B, 40) normalised
+    clean: Tensor  # (B, D) normalised
     pair: Tensor  # (B,) index into pairs
     time: Tensor  # (B,) 0..1
-    eps: Tensor  # (B, 40)
+    eps: Tensor  # (B, D)
     clouds: CloudTensors  # one per object
 
 
 class Source:
     """Makes batches; the batch of a step depends on the seed and the step alone."""
 
-    def __init__(self, examples: Examples, settings: TrainingParameters, seed: int, split: str) -> None:
-        self.examples, self.settings, self.seed, self.hand = examples, settings, seed, load_hand()
+    def __init__(self, examples: Examples, settings: TrainingParameters, seed: int, split: str, hand: Hand) -> None:
+        self.examples, self.settings, self.seed, self.hand = examples, settings, seed, hand
         self.rows = np.flatnonzero(examples.split == split)
         training = examples.grasps[examples.split == "training"]
         # Statistics of what is trained on; with turned frames, of turned grasps.
         if settings.data.yaw_augmentation:
-            turns = np.linspace(0, 2 * np.pi, 16, endpoint=False)
-            turned = [turn_objects(training, np.full((len(training), 2), turn)) for turn in turns]
-            training = GraspBatch(np.concatenate([g.T_hand_object for g in turned]), np.tile(training.q, (16, 1)))
+            turns = np.linspace(0, 2 * np.pi, TURNS, endpoint=False)
+            turned = [turn_objects(training, np.full(training.T_hand_object.shape[:2], turn)) for turn in turns]
+            training = GraspBatch(np.concatenate([g.T_hand_object for g in turned]), np.tile(training.q, (TURNS, 1)))
         self.normalisation = fit_normalisation(to_vectors(self.hand, training), settings.data.normalise)
         self.clouds = cloud_tensors(examples.clouds)
         self.pairs = torch.as_tensor(examples.pair_objects())
@@ -135,7 +136,7 @@ def learning_rate(step: int, settings: OptimizationParameters) -> float:
 
 
 def train(
-    examples: Examples, settings: TrainingParameters, seed: int, state_file: Path, code: str = ""
+    examples: Examples, settings: TrainingParameters, seed: int, state_file: Path, hand: Hand, code: str = ""
 ) -> tuple[Checkpoint, list[dict[str, float]]]:
     """Train a model and return it with its curve: step, epoch, learning rate and losses.
 
@@ -145,12 +146,13 @@ def train(
     """
     with _deterministic(settings.optimization):
         optimization = settings.optimization
-        source = Source(examples, settings, seed, "training")
+        source = Source(examples, settings, seed, "training", hand)
         validation = {
-            split: Source(examples, settings, seed, split).validation() for split in ("held_out", "held_out_pair")
+            split: Source(examples, settings, seed, split, hand).validation() for split in ("held_out", "held_out_pair")
         }
         torch.manual_seed(item_seed(seed, "train", "weights"))
-        model = GraspModel(settings.encoder, settings.denoiser).to(optimization.device)
+        dimensions = len(source.normalisation.mean)
+        model = GraspModel(settings.encoder, settings.denoiser, dimensions).to(optimization.device)
         model.calibrate(source.first_clouds(optimization.device))
         average = copy.deepcopy(model).eval().requires_grad_(False)
         optimizer = torch.optim.AdamW(model.parameters(), weight_decay=optimization.weight_decay)

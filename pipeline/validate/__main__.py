@@ -42,6 +42,7 @@ def validate(style: str, only: str) -> None:
         name: digest(prepared_digest(name), file_digest(paths.candidates_file(style, name), made_by)) for name in names
     }
     from pipeline.hand.model import load_hand
+    from pipeline.hand.support import PLANE
     from pipeline.validate.table import validation
 
     hand = load_hand(parameters["hand"])
@@ -54,7 +55,7 @@ def validate(style: str, only: str) -> None:
 
     def work(name: str, keep: Keep) -> Work[None]:
         rows = yield from validation(
-            candidates(name), load_prepared_object(name), parameters["physics"], parameters["validate"], hand=hand
+            candidates(name), load_prepared_object(name), parameters["physics"], parameters["validate"], PLANE, hand
         )
         keep(name, tables.rows(rows))
 

@@ -7,7 +7,7 @@ A new check is a function in :data:`CHECKS`, its reason in ``records.validation_
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.hand.approach import Approach, HandAtObject, choose_approach
-from pipeline.hand.model import Hand, load_hand
+from pipeline.hand.model import Hand
 from pipeline.hand.moves import squeeze_joints
 from pipeline.hand.support import PLANE, Support
 from pipeline.physics.holding import HeldGrasp, HeldObject, Holding, hold_in_gravities
@@ -39,8 +39,8 @@ class Candidate:
     q: NDArray[np.float64]  # (J,)
     contact_candidates: NDArray[np.int64]  # (n,)
     contact_normals: NDArray[np.float64]  # (n, 3) object frame, outward from the object
+    hand: Hand
     support: Support = PLANE  # what the object stands on
-    hand: Hand = field(default_factory=load_hand)  # the Allegro when left out
 
 
 def assigned_links(hand: Hand, fingers: tuple[str, ...]) -> tuple[str, ...]:

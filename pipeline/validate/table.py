@@ -12,8 +12,8 @@ import pandas as pd
 from pipeline.compute.fan_out import Workers
 from pipeline.compute.pool import Calls, Work, run_one
 from pipeline.compute.shared import Shared
-from pipeline.hand.model import Hand, load_hand
-from pipeline.hand.support import PLANE, Support
+from pipeline.hand.model import Hand
+from pipeline.hand.support import Support
 from pipeline.physics.holding import Holding
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
@@ -24,12 +24,11 @@ from pipeline.records.validation_reasons import ValidationReason
 from pipeline.validate.checks import Candidate, check_candidate, held_grasp
 
 
-def candidate_of(row: dict[str, Any], support: Support = PLANE, hand: Hand | None = None) -> Candidate:
+def candidate_of(row: dict[str, Any], support: Support, hand: Hand) -> Candidate:
     """Return one row of the candidates' table as arrays.
 
     Args:
         support: what the object stands on.
-        hand: the Allegro when left out.
     """
     return Candidate(
         style=row["style"],
@@ -39,7 +38,7 @@ def candidate_of(row: dict[str, Any], support: Support = PLANE, hand: Hand | Non
         contact_candidates=np.asarray(row["contact_candidates"], np.int64),
         contact_normals=np.stack(list(row["contact_normals"])).astype(np.float64),
         support=support,
-        hand=hand or load_hand(),
+        hand=hand,
     )
 
 
@@ -50,8 +49,8 @@ def validate_table(
     limits: ValidateParameters,
     workers: Workers,
     label: str,
-    support: Support = PLANE,
-    hand: Hand | None = None,
+    support: Support,
+    hand: Hand,
 ) -> pd.DataFrame:
     """Return all rows in order of ``grasp_id`` with the columns of physics.
 
@@ -60,7 +59,6 @@ def validate_table(
 
     Args:
         support: what the object stands on.
-        hand: the Allegro when left out.
     """
     return run_one(validation(candidates, prepared, settings, limits, support, hand), workers, label)
 
@@ -70,8 +68,8 @@ def validation(
     prepared: PreparedObject,
     settings: PhysicsParameters,
     limits: ValidateParameters,
-    support: Support = PLANE,
-    hand: Hand | None = None,
+    support: Support,
+    hand: Hand,
 ) -> Work[pd.DataFrame]:
     """Compute what :func:`validate_table` returns, candidate by candidate."""
     rows = candidates.sort_values("grasp_id", kind="stable").reset_index(drop=True)

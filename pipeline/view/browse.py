@@ -34,11 +34,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = parser.parse_args(arguments)
     if not 1 <= chosen.port <= 65535:
         parser.error("--port must be 1 to 65535")
-    parameters = read_parameters()
+    from pipeline.hand.model import load_hand
     from pipeline.view.library import Library
     from pipeline.view.page import Page
 
-    page = Page(Library(parameters), chosen.host, chosen.port, chosen.name)
+    def read_library() -> Library:
+        parameters = read_parameters()
+        return Library(parameters, load_hand(parameters.hand))
+
+    page = Page(read_library, chosen.host, chosen.port, chosen.name)
     print(f"{page.address} shows it (Ctrl-C ends it)", flush=True)
     page.run()
     return 0

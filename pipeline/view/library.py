@@ -10,6 +10,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from pipeline.hand.model import Hand
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.geometry import read_geometry_file
@@ -30,9 +31,10 @@ Read = TypeVar("Read")
 class Library:
     """Everything under ``data/`` that params.yaml names."""
 
-    def __init__(self, parameters: Parameters) -> None:
-        self.parameters = parameters
-        self.tables = {table.name: table for table in known_tables(parameters)}
+    def __init__(self, parameters: Parameters, hand: Hand) -> None:
+        """Look at what is made with ``parameters``; ``hand`` is the one that they name."""
+        self.parameters, self.hand = parameters, hand
+        self.tables = {table.name: table for table in known_tables(parameters, hand)}
         self._kept: dict[tuple[str, str], tuple[Any, Any]] = {}
 
     def _once(self, kind: str, file: Path, read: Callable[[], Read]) -> Read:

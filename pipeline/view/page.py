@@ -18,7 +18,6 @@ import pandas as pd
 
 from pipeline.pictures.serving import check_host, start_server
 from pipeline.records.errors import UserError
-from pipeline.records.parameters import read_parameters
 from pipeline.view import facts, rows, scenes
 from pipeline.view.canvas import Canvas
 from pipeline.view.choice import Choice, named, turned_to
@@ -37,18 +36,20 @@ MOST_SENTENCES = 3
 class Page:
     """Serves the page until it is closed."""
 
-    def __init__(self, library: Library, host: str, port: int, start: str = "") -> None:
+    def __init__(self, read_library: Callable[[], Library], host: str, port: int, start: str = "") -> None:
         """Begin to serve on the first free port from ``port`` on.
 
         Args:
+            read_library: returns what is looked at, by params.yaml as it is then.
             start: name of the row to show first; '' for the objects.
 
         Raises:
             UserError: nothing can be served there, or there is no such row.
         """
         check_host(host)
-        self.library = library
-        self.choice = named(start, library.index) if start else turned_to(OBJECTS)
+        self._read_library = read_library
+        self.library = read_library()
+        self.choice = named(start, self.library.index) if start else turned_to(OBJECTS)
         self.chosen = pd.DataFrame()  # lines of the index that pass the filters
         self.drawing = Drawing()
         self.related_links: dict[str, str] = {}
@@ -108,7 +109,7 @@ class Page:
         return self.choice.filtered(column, self.panel.value_of(column))
 
     def _read_again(self) -> Choice:
-        self.library = Library(read_parameters())
+        self.library = self._read_library()
         return self.choice
 
     # Showing ----------------------------------------------------------------------------------------------------

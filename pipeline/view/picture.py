@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.hand.model import load_hand
 from pipeline.pictures.decimation import Mesh
 from pipeline.records import paths
 from pipeline.records.poses import inverse_pose, transform_points
@@ -49,12 +48,13 @@ def picture(
     if choice.view == TRIALS_VIEW:
         first, second = (library.prepared(lines[0][column]) for column in ("first", "second"))
         height = sponge_height(library.parameters, lines[0]["source"])
-        return scenes.trial_moment(full[0], (first, second), height, choice.moment)
+        return scenes.trial_moment(full[0], (first, second), library.hand, height, choice.moment)
     if choice.view == MERGED_VIEW:
         return _merged(library, choice, lines, full, style)
     objects = {name: library.prepared(name) for name in {line["first"] for line in lines}}
-    hand = load_hand(library.parameters.hand)
-    return scenes.grasps_on_objects(full, objects, style.colours, choice.arrangement, style.joints, style.layers, hand)
+    return scenes.grasps_on_objects(
+        full, objects, style.colours, library.hand, choice.arrangement, style.joints, style.layers
+    )
 
 
 def _merged(
@@ -77,7 +77,9 @@ def _merged(
                 meshes[name] = (prepared.vertices, prepared.faces)
             own[f"object{slot}"] = name
         renamed.append(own)
-    return scenes.merged_grasps(renamed, meshes, style.colours, choice.arrangement, style.joints, style.layers)
+    return scenes.merged_grasps(
+        renamed, meshes, style.colours, library.hand, choice.arrangement, style.joints, style.layers
+    )
 
 
 def _photographed(library: Library, capture: str, name: str) -> Any:

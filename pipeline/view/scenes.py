@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.hand.kinematics import link_poses, points_on_links
-from pipeline.hand.model import Hand, load_hand
+from pipeline.hand.model import Hand
 from pipeline.pictures.colours import OBJECT_COLOURS, SPONGE_COLOUR
 from pipeline.pictures.decimation import Mesh
 from pipeline.records.objects import PreparedObject
@@ -88,20 +88,19 @@ def grasps_on_objects(
     rows: Sequence[Mapping[str, Any]],
     objects: Mapping[str, PreparedObject],
     colours: NDArray[np.float64] | None,
+    hand: Hand,
     arrangement: str = ONE,
     joints: str = "q",
     layers: Layers = STANDARD,
-    hand: Hand | None = None,
 ) -> Drawing:
     """Draw rows of candidates or validated grasps.
 
     Args:
         objects: by name, all that the rows name.
         colours: (n, 3) of the hands; their own when None.
+        hand: that of the rows.
         layers: for a single row; of many, only ``see_through`` counts.
-        hand: that of the rows; the Allegro when left out.
     """
-    hand = hand or load_hand()
     places = _places(len(rows), arrangement)
     lifted = places + [[0, 0, -objects[row["object"]].bottom] for row in rows]
     T_world_object = translations(lifted)
@@ -113,7 +112,7 @@ def grasps_on_objects(
     if arrangement == ON_TOP:
         drawing = _stick_hands(T_world_hand, q, [row["fingers"] for row in rows], colours, hand)
     else:
-        drawing = Drawing(hands(T_world_hand, q, colours, opacity, hand))
+        drawing = Drawing(hands(T_world_hand, q, hand, colours, opacity))
     for name in dict.fromkeys(row["object"] for row in rows):
         own = [index for index, row in enumerate(rows) if row["object"] == name]
         own = own[:1] if arrangement == ON_TOP else own
@@ -134,7 +133,7 @@ def _stick_hands(
     q: NDArray[np.float64],
     fingers: Sequence[str],
     colours: NDArray[np.float64] | None,
-    hand: Hand | None = None,
+    hand: Hand,
 ) -> Drawing:
     """Draw many hands at one place as lines, which hide less than bodies do."""
     segments, of_segment, tips, of_tip = sticks(T_world_hand, q, fingers, hand)
@@ -197,9 +196,8 @@ def _vectors(column: Any) -> NDArray[np.float64]:
     return np.array([np.asarray(part, np.float64) for part in column]).reshape(-1, 3)
 
 
-def contact_candidates(q: NDArray[np.float64], hand: Hand | None = None) -> NDArray[np.float64]:
+def contact_candidates(q: NDArray[np.float64], hand: Hand) -> NDArray[np.float64]:
     """Return where the synthesis may let a hand at ``q`` (J,) touch: points (C, 3) in the hand frame."""
-    hand = hand or load_hand()
     return points_on_links(link_poses(hand, q[None]), hand.contact_link, hand.contact_points)[0]
 
 
@@ -207,6 +205,7 @@ def merged_grasps(
     rows: Sequence[Mapping[str, Any]],
     meshes: Mapping[str, Mesh],
     colours: NDArray[np.float64] | None,
+    hand: Hand,
     arrangement: str = ONE,
     joints: str = "q",
     layers: Layers = STANDARD,
@@ -224,10 +223,10 @@ def merged_grasps(
     opacity = GLASS if layers.see_through else 1.0
     most_faces = ONE_OBJECT if single else MANY_OBJECT
     if arrangement == ON_TOP:
-        drawing = _stick_hands(T_world_hand, q, [f"{row['fingers0']}+{row['fingers1']}" for row in rows], colours)
+        drawing = _stick_hands(T_world_hand, q, [f"{row['fingers0']}+{row['fingers1']}" for row in rows], colours, hand)
         opacity, most_faces = FAINT, COARSE_OBJECT
     else:
-        drawing = Drawing(hands(T_world_hand, q, colours, opacity))
+        drawing = Drawing(hands(T_world_hand, q, hand, colours, opacity))
     for slot, colour in enumerate(OBJECT_COLOURS[:2]):
         T = np.array([pose_matrix(r[f"position_hand_object{slot}"], r[f"quaternion_hand_object{slot}"]) for r in rows])
         T_world_object = T_world_hand @ T
@@ -237,7 +236,7 @@ def merged_grasps(
             tint = np.tile(colour, (len(own), 1))
             drawing.solids.append(Solid(f"object{slot}/{name}", vertices, faces, T_world_object[own], tint, opacity))
     if single and layers.hand_candidates:
-        there = transform_points(T_world_hand[0], contact_candidates(q[0]))
+        there = transform_points(T_world_hand[0], contact_candidates(q[0], hand))
         drawing.clouds.append(Cloud("candidates", there, np.tile(CANDIDATE, (len(there), 1)), 0.003))
     if arrangement == SIDE_BY_SIDE:
         labels = _labels([row["merged_id"] for row in rows], places, 0.0)
@@ -246,7 +245,11 @@ def merged_grasps(
 
 
 def trial_moment(
-    row: Mapping[str, Any], objects: tuple[PreparedObject, PreparedObject], sponge_height: float, moment: int
+    row: Mapping[str, Any],
+    objects: tuple[PreparedObject, PreparedObject],
+    hand: Hand,
+    sponge_height: float,
+    moment: int,
 ) -> Drawing:
     """Draw robot, objects, sponge and table at one snapshot of a trial (an index into ``snapshot_phases``)."""
     scenery = [
@@ -255,8 +258,8 @@ def trial_moment(
     ]
     if not len(row["snapshot_phases"]):
         return Drawing(scenery=scenery)
-    solids = robot(np.asarray(row["snapshot_robot_q"][moment], np.float64))
-    for slot, (prepared, colour) in enumerate(zip(objects, OBJECT_COLOURS, strict=True)):
+    solids = robot(np.asarray(row["snapshot_robot_q"][moment], np.float64), hand)
+    for slot, (prepared, colour) in enumerate(zip(objects, OBJECT_COLOURS, strict=False)):
         pose = np.asarray(row[f"snapshot_pose{slot}"][moment], np.float64)
         if np.isfinite(pose).all():  # physics may have lost it
             T = pose_matrix(pose[:3], pose[3:])

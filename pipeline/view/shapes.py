@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.hand.kinematics import link_poses
-from pipeline.hand.model import Hand, load_hand
+from pipeline.hand.model import Hand
 from pipeline.hand.parts import part_links
+from pipeline.hand.robot import robot_joint_names
 from pipeline.pictures.decimation import Mesh, decimated
 from pipeline.pictures.render import Body
 from pipeline.pictures.robot import TIP_COLOUR, hand_bodies, robot_bodies
@@ -23,17 +24,19 @@ ONE_OBJECT, MANY_OBJECT, COARSE_OBJECT = 20000, 2000, 300  # faces of an object,
 
 @lru_cache(maxsize=4)
 def _links(arm: bool, most_faces: int, hand: Hand) -> tuple[tuple[Mesh, tuple[float, float, float]], ...]:
-    neutral = np.zeros(hand.joint_count)
-    bodies: list[Body] = robot_bodies(np.zeros(23)) if arm else hand_bodies(np.eye(4), neutral, hand)
+    if arm:
+        bodies: list[Body] = robot_bodies(np.zeros(len(robot_joint_names(hand))), hand)
+    else:
+        bodies = hand_bodies(np.eye(4), np.zeros(hand.joint_count), hand)
     return tuple((decimated((body.vertices, body.faces), most_faces), body.colour) for body in bodies)
 
 
 def hands(
     T_world_hand: NDArray[np.float64],
     q: NDArray[np.float64],
+    hand: Hand,
     colours: NDArray[np.float64] | None = None,
     opacity: float = 1.0,
-    hand: Hand | None = None,
 ) -> list[Solid]:
     """Return the links of hands.
 
@@ -41,9 +44,7 @@ def hands(
         T_world_hand: (n, 4, 4).
         q: (n, J), rad.
         colours: (n, 3); the hand's own when absent. Fingertips keep theirs but for a tint.
-        hand: the Allegro when left out.
     """
-    hand = hand or load_hand()
     poses = np.array(
         [[body.T_world for body in hand_bodies(T, angles, hand)] for T, angles in zip(T_world_hand, q, strict=True)]
     )
@@ -57,18 +58,18 @@ def hands(
     return solids
 
 
-def robot(q: NDArray[np.float64]) -> list[Solid]:
-    """Return the links of arm and hand at ``q`` (23,), rad, standing at the world's origin."""
+def robot(q: NDArray[np.float64], hand: Hand) -> list[Solid]:
+    """Return the links of arm and hand at ``q`` (7 + J,), rad, standing at the world's origin."""
     return [
         Solid(f"robot/{number:02d}", vertices, faces, body.T_world[None], np.array([colour]))
         for number, (body, ((vertices, faces), colour)) in enumerate(
-            zip(robot_bodies(q), _links(True, ONE_LINK, load_hand()), strict=True)
+            zip(robot_bodies(q, hand), _links(True, ONE_LINK, hand), strict=True)
         )
     ]
 
 
 def sticks(
-    T_world_hand: NDArray[np.float64], q: NDArray[np.float64], fingers: Sequence[str], hand: Hand | None = None
+    T_world_hand: NDArray[np.float64], q: NDArray[np.float64], fingers: Sequence[str], hand: Hand
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
     """Return hands as lines from the wrist through the joints to the tips, of the fingers that hold something.
 
@@ -76,12 +77,10 @@ def sticks(
         T_world_hand: (n, 4, 4).
         q: (n, J), rad.
         fingers: per hand, such as ``thumb+index``; the palm is the wrist.
-        hand: the Allegro when left out.
 
     Returns:
         Segments (m, 2, 3) and of which hand each is (m,); tips (k, 3) and of which hand each is (k,).
     """
-    hand = hand or load_hand()
     joints = (T_world_hand[:, None] @ link_poses(hand, q))[..., :3, 3]
     segments, owners, tips, tip_owners = [], [], [], []
     for row, names in enumerate(fingers):

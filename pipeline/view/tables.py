@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from pipeline.hand.model import load_hand
+from pipeline.hand.model import Hand
 from pipeline.records import paths
 from pipeline.records.parameters import Parameters
 from pipeline.records.parameters.harder import overridden
@@ -55,11 +55,11 @@ class Table:
         return "/".join(self.file.with_suffix("").parts[1:])
 
 
-def known_tables(parameters: Parameters) -> list[Table]:
+def known_tables(parameters: Parameters, hand: Hand) -> list[Table]:
     """Return everything that the pipeline makes with these parameters, whether it is there yet or not."""
     return [
         *_objects(parameters),
-        *_grasps(parameters),
+        *_grasps(parameters, hand),
         *_pairs(parameters),
         *_trials(parameters),
         *_photos(parameters),
@@ -71,9 +71,8 @@ def _objects(parameters: Parameters) -> list[Table]:
     return [Table(OBJECTS, paths.prepared_folder(name), "prepare", first=name) for name in names]
 
 
-def _grasps(parameters: Parameters) -> list[Table]:
+def _grasps(parameters: Parameters, hand: Hand) -> list[Table]:
     styles = {"pinch": parameters.styles.pinch, "side": parameters.styles.side}
-    hand = load_hand(parameters.hand)
     return [
         Table(view, file_of(style, name), f"{stage}@{style}", schema, "grasp_id", style=style, first=name)
         for view, file_of, stage, schema in (

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.compute.fan_out import Workers
+from pipeline.hand.support import PLANE
 from pipeline.records.parameters.compute import ComputeParameters
 from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.records.tables import MERGED, VALIDATED, write_table
@@ -20,7 +21,8 @@ def validated(target: Path, workers: Workers) -> None:
     candidates = rows(prepared, candidate, ["", "duplicate", "", ""])
     for index, shift in ((2, 0.002), (3, 0.02)):  # one that holds otherwise, and one that does not
         candidates.at[index, "position_object_hand"] = candidates.at[index, "position_object_hand"] + shift
-    table = validate_table(candidates, prepared, SETTINGS, ValidateParameters(), workers, "validated")
+    limits = ValidateParameters()
+    table = validate_table(candidates, prepared, SETTINGS, limits, workers, "validated", PLANE, candidate.hand)
     assert len(set(table["rejected_by"])) > 2
     write_table(target, table, VALIDATED)
 

@@ -6,10 +6,10 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from pipeline.hand.allegro import FINGER_JOINTS, FINGER_LINKS, JOINT_NAMES, TIP_RADIUS, load_hand
-from pipeline.hand.assets import allegro_description
+from pipeline.hand.model import load_hand
 
-HAND = load_hand()
+HAND = load_hand("allegro")
+TIP_RADIUS = 0.012  # m
 FINGER_LIMITS = ([-0.47, -0.196, -0.174, -0.227], [0.47, 1.61, 1.709, 1.618])
 THUMB_LIMITS = ([0.263, -0.105, -0.189, -0.162], [1.396, 1.163, 1.644, 1.719])
 
@@ -27,8 +27,8 @@ def test_links_are_the_twenty_one_with_collision_shapes() -> None:
 
 
 def test_fingers_partition_joints_and_links() -> None:
-    assert sorted(joint for joints in FINGER_JOINTS.values() for joint in joints) == list(range(16))
-    links = [link for own in FINGER_LINKS.values() for link in own]
+    assert sorted(joint for joints in HAND.finger_joints.values() for joint in joints) == list(range(16))
+    links = [link for own in HAND.finger_links.values() for link in own]
     assert len(links) == len(set(links)) == 17
     unowned = set(HAND.link_names) - set(links)
     assert unowned == {"link_0.0", "link_4.0", "link_8.0", "link_12.0"}
@@ -88,10 +88,10 @@ def test_tip_candidates_face_the_palm_side() -> None:
 def test_fingertip_ball_is_the_front_of_the_simulated_tip() -> None:
     """The simulated tip is a dome of 12 mm on a cylinder of 12 mm; candidates lie on the dome (z > 0)."""
     trimesh = pytest.importorskip("trimesh")
-    root = ElementTree.parse(allegro_description()).getroot()
+    root = ElementTree.parse(HAND.urdf).getroot()
     mesh = root.find("link[@name='link_3.0_tip']/collision/geometry/mesh")
     assert mesh is not None
-    tip = trimesh.load_mesh(allegro_description().parent / mesh.get("filename", ""))
+    tip = trimesh.load_mesh(HAND.urdf.parent / mesh.get("filename", ""))
     dome = tip.vertices[tip.vertices[:, 2] >= 0]
     np.testing.assert_allclose(np.linalg.norm(dome, axis=1), TIP_RADIUS, atol=1e-4)
     np.testing.assert_allclose(np.linalg.norm(tip.vertices[:, :2], axis=1).max(), TIP_RADIUS, atol=1e-4)
@@ -99,7 +99,7 @@ def test_fingertip_ball_is_the_front_of_the_simulated_tip() -> None:
 
 
 def test_joint_names_are_in_finger_order() -> None:
-    assert tuple(f"joint_{index}.0" for index in range(16)) == JOINT_NAMES
+    assert tuple(f"joint_{index}.0" for index in range(16)) == HAND.joint_names
     for finger in ("index", "middle", "ring", "thumb"):
-        for joint, link in zip(FINGER_JOINTS[finger][1:], FINGER_LINKS[finger], strict=False):
+        for joint, link in zip(HAND.finger_joints[finger][1:], HAND.finger_links[finger], strict=False):
             assert HAND.joint[HAND.link(link)] == joint

@@ -1,11 +1,11 @@
 import numpy as np
 
-from pipeline.hand.allegro import FINGER_JOINTS, load_hand
 from pipeline.hand.approach import HandAtObject, approach_directions, choose_approach, open_postures
 from pipeline.hand.kinematics import link_poses, points_on_links
+from pipeline.hand.model import load_hand
 from tests.physics.shapes import prepared_box
 
-HAND = load_hand()
+HAND = load_hand("allegro")
 REST = np.clip(np.array([0, 0.7, 0.6, 0.6] * 3 + [1.0, 0.5, 0.7, 0.8]), HAND.lower, HAND.upper)
 
 
@@ -26,7 +26,7 @@ def test_opening_moves_contacts_horizontally_away_from_the_axis() -> None:
     T = facing_down(0.15)
     contacts = np.concatenate([tip_candidates("index"), tip_candidates("thumb")])
     first = next(open_postures(HandAtObject(HAND, "pinch", T, REST, contacts), 0.015))
-    untouched = [*FINGER_JOINTS["middle"], *FINGER_JOINTS["ring"]]
+    untouched = [*HAND.finger_joints["middle"], *HAND.finger_joints["ring"]]
     np.testing.assert_array_equal(first[untouched], REST[untouched])
     assert (first >= HAND.lower - 1e-12).all() and (first <= HAND.upper + 1e-12).all()
 

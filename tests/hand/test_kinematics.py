@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from pipeline.hand.allegro import JOINT_NAMES, load_hand
-from pipeline.hand.assets import allegro_description
 from pipeline.hand.kinematics import link_poses, point_jacobian, points_on_links
+from pipeline.hand.model import load_hand
 from pipeline.hand.robot import robot_file
 
-HAND = load_hand()
+HAND = load_hand("allegro")
 
 
 def random_postures(count: int) -> np.ndarray:
@@ -19,10 +18,10 @@ def test_link_poses_equal_pytorch_kinematics() -> None:
     chains = pytest.importorskip("pytorch_kinematics")
     import torch
 
-    chain = chains.build_chain_from_urdf(allegro_description().read_bytes()).to(dtype=torch.float64)
+    chain = chains.build_chain_from_urdf(HAND.urdf.read_bytes()).to(dtype=torch.float64)
     names = chain.get_joint_parameter_names()
     q = random_postures(20)
-    theirs = chain.forward_kinematics(torch.tensor(q[:, [JOINT_NAMES.index(name) for name in names]]))
+    theirs = chain.forward_kinematics(torch.tensor(q[:, [HAND.joint_names.index(name) for name in names]]))
     root = theirs["base_link"].get_matrix().numpy()
     ours = link_poses(HAND, q)
     for link, name in enumerate(HAND.link_names):
@@ -32,11 +31,11 @@ def test_link_poses_equal_pytorch_kinematics() -> None:
 
 def test_link_poses_equal_pinocchio() -> None:
     pinocchio = pytest.importorskip("pinocchio")
-    model = pinocchio.buildModelFromUrdf(str(robot_file(arm=False)))
+    model = pinocchio.buildModelFromUrdf(str(robot_file(False, HAND)))
     data = model.createData()
     for q in random_postures(20):
         configuration = np.zeros(model.nq)
-        for name, angle in zip(JOINT_NAMES, q, strict=True):
+        for name, angle in zip(HAND.joint_names, q, strict=True):
             configuration[model.joints[model.getJointId(name)].idx_q] = angle
         pinocchio.framesForwardKinematics(model, data, configuration)
         root = data.oMf[model.getFrameId("base_link")].homogeneous

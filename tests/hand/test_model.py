@@ -13,7 +13,7 @@ from pipeline.hand.model import Hand, distance_to_shapes, hand_of_file, load_han
 from pipeline.hand.moves import finger_joints, move_points, straight
 from pipeline.hand.surface import hand_surface
 from pipeline.records.errors import UserError
-from pipeline.records.parameters.hand import known_hands
+from pipeline.records.hands import known_hands
 from tests.hand.toy import FINGERS, TIP, description, urdf_text, write_toy
 
 
@@ -82,7 +82,7 @@ def test_links_without_shapes_are_kept_where_something_hangs_on_them(toy: Hand) 
     assert (toy.parent < np.arange(10)).all()
     np.testing.assert_allclose(np.linalg.norm(toy.axis[toy.joint >= 0], axis=1), 1.0)  # the URDF has one of length 2
     assert toy.sphere_radius.tolist() == [TIP] * 3
-    assert not toy.mounted and toy.name == "toy"
+    assert toy.mount is None and toy.name == "toy"
 
 
 def test_a_hand_is_one_object_and_travels_as_its_file(hand: Hand) -> None:
@@ -98,9 +98,10 @@ def test_moves_use_the_fingers_of_the_description(toy: Hand) -> None:
     inward = link_poses(toy, q[None])[0, tip, :3, 3] * [-1, -1, 0]
     moved = move_points(toy, q, [tip], np.zeros((1, 3)), 0.005 * inward[None] / np.linalg.norm(inward), joints)
     assert (moved[[0, 1, 4, 5]] == q[[0, 1, 4, 5]]).all() and moved[2] > q[2]
-    np.testing.assert_array_equal(straight(["ring", "index"], load_hand()), [0, -0.1, 0, 0] * 2)
+    np.testing.assert_array_equal(straight(["ring", "index"], load_hand("allegro")), [0, -0.1, 0, 0] * 2)
 
 
+LEFT = description()["fingers"]["left"]
 BROKEN = [
     ({"joints": ["left_turn", "left_turn"]}, "joints lists a joint twice"),
     ({"joints": description()["joints"][:-1]}, "'far_bend' is not in joints"),
@@ -120,6 +121,19 @@ BROKEN = [
     ),
     ({"styles": {"pinch": {**description()["styles"]["pinch"], "posture": [0.0]}}}, "posture needs 6 angles"),
     ({"styles": {"pinch": {**description()["styles"]["pinch"], "held": ["ring"]}}}, "held: 'ring' is not a finger"),
+    (
+        {"styles": {"pinch": {**description()["styles"]["pinch"], "fingers": ["left", "hook"]}}},
+        "fingers: 'hook' is not a finger",
+    ),
+    (
+        {
+            "fingers": {
+                **description()["fingers"],
+                "left": {**LEFT, "holding": {"first": [0], "bent": [[0, 1], [1, 1]]}},
+            }
+        },
+        "fingers.left.holding.bent needs an angle per joint after the first",
+    ),
     ({"styles": {"hook": description()["styles"]["pinch"]}}, "styles.hook"),
     ({"colour": "red"}, "colour: unknown field"),
     ({"fingers": {"left+right": {"links": ["plate"]}}}, "the finger name 'left\\+right': use lower-case letters"),
@@ -161,7 +175,9 @@ def test_a_joint_of_the_urdf_that_is_not_described_is_named(tmp_path: Path) -> N
                 {
                     "joints": description()["joints"][:4],
                     "fingers": {name: own for name, own in description()["fingers"].items() if name != FINGERS[2]},
-                    "styles": {"pinch": {**description()["styles"]["pinch"], "posture": [0.0] * 4}},
+                    "styles": {
+                        "pinch": {**description()["styles"]["pinch"], "fingers": FINGERS[:2], "posture": [0.0] * 4}
+                    },
                 },
             )
         )

@@ -4,11 +4,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.hand.allegro import FINGER_JOINTS, load_hand
 from pipeline.hand.kinematics import link_poses, points_on_links
+from pipeline.hand.model import load_hand
 from pipeline.hand.moves import finger_joints, move_points, squeeze_joints
 
-HAND = load_hand()
+HAND = load_hand("allegro")
 BENT = np.array([0, 0.8, 0.6, 0.4] * 3 + [1.2, 0.4, 0.5, 0.5])
 
 
@@ -28,8 +28,8 @@ def contact_directions(q: np.ndarray, candidates: np.ndarray) -> np.ndarray:
 
 
 def test_finger_joints_are_sorted_and_the_palm_has_none() -> None:
-    assert finger_joints(["thumb", "index"]).tolist() == [0, 1, 2, 3, 12, 13, 14, 15]
-    assert finger_joints(["palm"]).tolist() == []
+    assert finger_joints(["thumb", "index"], HAND).tolist() == [0, 1, 2, 3, 12, 13, 14, 15]
+    assert finger_joints(["palm"], HAND).tolist() == []
 
 
 def test_squeeze_moves_contacts_a_centimetre_along_the_normals() -> None:
@@ -45,7 +45,7 @@ def test_squeeze_leaves_other_fingers_alone() -> None:
     candidates = np.array([candidate("thumb", "link_15.0_tip"), candidate("index", "link_3.0_tip")])
     inward = contact_directions(BENT, candidates)
     squeezed = squeeze_joints(HAND, BENT, candidates, inward, 0.01, ["thumb", "index"])
-    untouched = [*FINGER_JOINTS["middle"], *FINGER_JOINTS["ring"]]
+    untouched = [*HAND.finger_joints["middle"], *HAND.finger_joints["ring"]]
     np.testing.assert_array_equal(squeezed[untouched], BENT[untouched])
     one_finger = squeeze_joints(HAND, BENT, candidates, inward, 0.01, ["index"])
     np.testing.assert_array_equal(one_finger[4:], BENT[4:])
@@ -67,7 +67,7 @@ def test_palm_contacts_do_not_move_the_ring() -> None:
 )
 def test_small_reachable_moves_end_where_asked(direction: tuple[float, float, float], length: float) -> None:
     links, points = [HAND.link("link_11.0_tip")], np.array([[0.012, 0.0, 0.0]])
-    joints = finger_joints(["ring"])
+    joints = finger_joints(["ring"], HAND)
     displacement = length * np.array(direction) / np.linalg.norm(direction)
     q = move_points(HAND, BENT, links, points, displacement[None], joints, iterations=60)
     begin, end = (points_on_links(link_poses(HAND, x[None]), np.array(links), points)[0, 0] for x in (BENT, q))
@@ -76,5 +76,5 @@ def test_small_reachable_moves_end_where_asked(direction: tuple[float, float, fl
 
 def test_limits_are_kept_when_the_target_is_out_of_reach() -> None:
     links, points = [HAND.link("link_3.0_tip")], np.zeros((1, 3))
-    q = move_points(HAND, BENT, links, points, np.array([[0.0, 0.0, 1.0]]), finger_joints(["index"]))
+    q = move_points(HAND, BENT, links, points, np.array([[0.0, 0.0, 1.0]]), finger_joints(["index"], HAND))
     assert (q >= HAND.lower).all() and (q <= HAND.upper).all()

@@ -70,6 +70,7 @@ def description() -> dict[str, Any]:
         },
         "styles": {
             "pinch": {
+                "fingers": list(FINGERS),
                 "orientation": [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]],
                 "tilt": {"axis": [0.0, 0.0, -1.0], "low": [-0.2, -0.2, -1.0], "high": [0.2, 0.2, -0.8]},
                 "posture": [0.1, 0.2] * 3,

@@ -19,7 +19,7 @@ def clouds(settings):
 
 def model_of(settings, kind: str) -> GraspModel:
     torch.manual_seed(0)
-    model = GraspModel(settings.encoder, DenoiserParameters(kind=kind, width=32, blocks=2, slot_width=4))
+    model = GraspModel(settings.encoder, DenoiserParameters(kind=kind, width=32, blocks=2, slot_width=4), 40)
     for parameter in model.parameters():  # nothing may hide behind weights that begin at zero
         torch.nn.init.normal_(parameter, std=0.2)
     return model

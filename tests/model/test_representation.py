@@ -3,7 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pipeline.hand.allegro import load_hand
+from pipeline.hand.model import load_hand
 from pipeline.model.representation import (
     GraspBatch,
     fit_normalisation,
@@ -15,7 +15,7 @@ from pipeline.model.representation import (
 )
 from pipeline.records.poses import transform_points
 
-HAND = load_hand()
+HAND = load_hand("allegro")
 
 
 def random_grasps(count: int, seed: int = 0) -> GraspBatch:

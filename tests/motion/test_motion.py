@@ -3,15 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.hand.allegro import TIP_RADIUS, load_hand
 from pipeline.hand.kinematics import link_poses
-from pipeline.hand.surface import T_LINK7_HAND
+from pipeline.hand.model import load_hand
 from pipeline.motion.arm_model import ARM_ACCELERATION, ArmModel
 from pipeline.motion.collisions import CollisionWorld, Obstacle, box_shape, convex_shape
 from pipeline.motion.inverse_kinematics import POSITION_TOLERANCE, ROTATION_TOLERANCE, solve, solve_from
 from pipeline.motion.paths import hand_line, is_line_free, line, plan, shortcut, without_near_duplicates
 from pipeline.motion.timing import LONGEST_MOVE, time_path
 
+ALLEGRO = load_hand("allegro")
 HAND = np.array([0, 0.7, 0, 0.4] * 3 + [1, 0, 0, 0.0])
 START = np.array([-0.14377, -0.41616, 0.15588, -2.79922, 0.09157, 2.38554, 1.50301])
 
@@ -28,7 +28,7 @@ def rotation_angle(R: np.ndarray) -> float:
 
 @pytest.fixture(scope="module")
 def arm() -> ArmModel:
-    return ArmModel(HAND)
+    return ArmModel(HAND, ALLEGRO)
 
 
 @pytest.fixture(scope="module")
@@ -52,11 +52,11 @@ def denavit_hartenberg(q: np.ndarray) -> np.ndarray:
 def test_hand_pose_agrees_with_the_published_kinematics(arm: ArmModel) -> None:
     rng = np.random.default_rng(0)
     for q in rng.uniform(arm.lower, arm.upper, (20, 7)):
-        np.testing.assert_allclose(arm.hand_pose(q), denavit_hartenberg(q) @ T_LINK7_HAND, atol=1e-5)
+        np.testing.assert_allclose(arm.hand_pose(q), denavit_hartenberg(q) @ ALLEGRO.mount.T_link7_hand, atol=1e-5)
 
 
 def test_hand_shapes_stand_where_the_hand_room_says(arm: ArmModel) -> None:
-    hand = load_hand()
+    hand = ALLEGRO
     poses = link_poses(hand, HAND[None])[0]
     T_hand_joint = np.linalg.inv(arm.T_link7_hand)
     shapes = {item.name: item for item in arm.geometry.geometryObjects}
@@ -110,7 +110,7 @@ def test_inverse_kinematics_obeys_the_test_of_solutions(arm: ArmModel) -> None:
 
 def lowest_hand_point(T_base_hand: np.ndarray) -> float:
     """From the boxes and tip balls of the hand room."""
-    hand = load_hand()
+    hand = ALLEGRO
     poses = T_base_hand @ link_poses(hand, HAND[None])[0]
     corners = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), -1).reshape(-1, 3)
     heights = [
@@ -118,7 +118,7 @@ def lowest_hand_point(T_base_hand: np.ndarray) -> float:
         for link, pose, half in zip(hand.box_link, hand.box_pose, hand.box_half, strict=True)
         for corner in corners
     ]
-    tips = [(T_base_hand @ link_poses(hand, HAND[None])[0][link])[2, 3] - TIP_RADIUS for link in hand.sphere_link]
+    tips = [(T_base_hand @ link_poses(hand, HAND[None])[0][link])[2, 3] - 0.012 for link in hand.sphere_link]
     return min(heights + tips)
 
 

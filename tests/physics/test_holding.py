@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from pipeline.hand.allegro import FINGER_LINKS, load_hand
 from pipeline.hand.kinematics import link_poses
+from pipeline.hand.model import load_hand
+from pipeline.hand.moves import finger_joints, move_points
 from pipeline.physics.holding import (
     HeldObject,
     Outcome,
@@ -17,7 +18,7 @@ from pipeline.records.parameters.validate import ValidateParameters
 from tests.physics.shapes import prepared_box
 
 SETTINGS = PhysicsParameters()
-HAND = load_hand()
+HAND = load_hand("allegro")
 
 
 def test_gravity_directions_are_those_of_the_first_object() -> None:
@@ -48,26 +49,24 @@ def clamped_block() -> tuple[np.ndarray, np.ndarray, HeldObject]:
     T[:3, 3] = (index + thumb) / 2
     width = float(gap - 2 * 0.012)
     assert width > 0.01
-    held = HeldObject(prepared_box((width, 0.03, 0.03)), T, FINGER_LINKS["index"] + FINGER_LINKS["thumb"])
-    from pipeline.hand.moves import finger_joints, move_points
-
+    held = HeldObject(prepared_box((width, 0.03, 0.03)), T, HAND.finger_links["index"] + HAND.finger_links["thumb"])
     links = [HAND.link("link_3.0_tip"), HAND.link("link_15.0_tip")]
     advance = 0.01 * np.stack([x, -x])
-    squeeze = move_points(HAND, q, links, np.zeros((2, 3)), advance, finger_joints(["index", "thumb"]))
+    squeeze = move_points(HAND, q, links, np.zeros((2, 3)), advance, finger_joints(["index", "thumb"], HAND))
     return q, squeeze, held
 
 
 def test_squeezed_block_is_held_in_all_gravities_and_dropped_without_squeeze() -> None:
     q, squeeze, held = clamped_block()
     limits = ValidateParameters(early_rejection=False)
-    good = hold_in_gravities(SETTINGS, limits, [held], q, squeeze)
+    good = hold_in_gravities(SETTINGS, limits, [held], q, squeeze, HAND)
     assert good.failed_direction == ""
     assert good.in_contact.all() and good.any_contact.all() and good.drift.max() < 0.02
     assert good.drift.shape == (6, 1)
-    loose = hold_in_gravities(SETTINGS, limits, [held], q, q)
+    loose = hold_in_gravities(SETTINGS, limits, [held], q, q, HAND)
     assert loose.failed_direction == limits.gravity_directions[0]
     assert not loose.in_contact.all()
-    early = hold_in_gravities(SETTINGS, ValidateParameters(), [held], q, q)
+    early = hold_in_gravities(SETTINGS, ValidateParameters(), [held], q, q, HAND)
     assert early.directions == (limits.gravity_directions[0],) and early.steps < loose.steps
 
 
@@ -75,15 +74,16 @@ def test_two_objects_are_judged_separately() -> None:
     q, squeeze, held = clamped_block()
     T = np.eye(4)
     T[:3, 3] = 0.0, -0.3, 0.3  # beside the hand: falls
-    other = HeldObject(prepared_box((0.03, 0.03, 0.03)), T, FINGER_LINKS["ring"])
-    result = hold_in_gravities(SETTINGS, ValidateParameters(gravity_directions=["-z"]), [held, other], q, squeeze)
+    other = HeldObject(prepared_box((0.03, 0.03, 0.03)), T, HAND.finger_links["ring"])
+    limits = ValidateParameters(gravity_directions=["-z"])
+    result = hold_in_gravities(SETTINGS, limits, [held, other], q, squeeze, HAND)
     assert result.in_contact.tolist() == [[True, False]]
     assert result.drift[0, 1] > 0.15 and result.failed_direction == "-z"
 
 
 def test_repeats_bit_for_bit() -> None:
     q, squeeze, held = clamped_block()
-    first, second = (hold_in_gravities(SETTINGS, ValidateParameters(), [held], q, squeeze) for _ in range(2))
+    first, second = (hold_in_gravities(SETTINGS, ValidateParameters(), [held], q, squeeze, HAND) for _ in range(2))
     assert first.drift.tobytes() == second.drift.tobytes()
 
 

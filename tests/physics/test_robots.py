@@ -3,17 +3,16 @@ from itertools import combinations, product
 import numpy as np
 import pytest
 
-from pipeline.hand.allegro import load_hand
 from pipeline.hand.kinematics import link_poses
-from pipeline.hand.model import load_hand as load_described_hand
-from pipeline.hand.robot import ROBOT_JOINT_NAMES
-from pipeline.hand.surface import T_LINK7_HAND
+from pipeline.hand.model import load_hand
+from pipeline.hand.robot import robot_file, robot_joint_names
 from pipeline.physics.engine import pressing_links, steps_in
 from pipeline.physics.world import make_world
-from pipeline.records.parameters.hand import known_hands
+from pipeline.records.hands import known_hands
 from pipeline.records.parameters.physics import PhysicsParameters
 
 SETTINGS = PhysicsParameters()
+HAND = load_hand("allegro")
 ARM_REST = np.array([0, 0, 0, -np.pi / 2, 0, np.pi / 2, 0])
 
 
@@ -28,7 +27,7 @@ def random_pose(rng: np.random.Generator) -> np.ndarray:
 
 @pytest.mark.parametrize("name", known_hands())
 def test_hand_forward_kinematics_agree_with_the_hand_model(name: str) -> None:
-    hand = load_described_hand(name)
+    hand = load_hand(name)
     rng = np.random.default_rng(3)
     for _ in range(3):
         q = rng.uniform(hand.lower, hand.upper)
@@ -42,25 +41,24 @@ def test_hand_forward_kinematics_agree_with_the_hand_model(name: str) -> None:
 
 
 def test_arm_and_hand_follow_the_mount_and_the_joint_names() -> None:
-    hand = load_hand()
     rng = np.random.default_rng(4)
-    q = np.concatenate([ARM_REST + rng.uniform(-0.3, 0.3, 7), rng.uniform(hand.lower, hand.upper)])
-    robot = make_world(SETTINGS).add_arm(hand, q)
-    assert robot.joint_names == ROBOT_JOINT_NAMES
-    np.testing.assert_allclose(robot.link_pose("panda_link7") @ T_LINK7_HAND, robot.link_pose("base_link"), atol=1e-6)
-    expected = robot.link_pose("base_link") @ link_poses(hand, q[None, 7:])[0]
-    for index, name in enumerate(hand.link_names):
+    q = np.concatenate([ARM_REST + rng.uniform(-0.3, 0.3, 7), rng.uniform(HAND.lower, HAND.upper)])
+    robot = make_world(SETTINGS).add_arm(HAND, q)
+    assert robot.joint_names == robot_joint_names(HAND)
+    expected = robot.link_pose("panda_link7") @ HAND.mount.T_link7_hand
+    np.testing.assert_allclose(robot.link_pose("base_link"), expected, atol=1e-6)
+    expected = robot.link_pose("base_link") @ link_poses(HAND, q[None, 7:])[0]
+    for index, name in enumerate(HAND.link_names):
         np.testing.assert_allclose(robot.link_pose(name), expected[index], atol=2e-6)
 
 
 @pytest.mark.parametrize("arm", [False, True])
 def test_drives_reach_targets_without_gravity_error(arm: bool) -> None:
-    hand = load_hand()
-    middle = (hand.lower + hand.upper) / 2
+    middle = (HAND.lower + HAND.upper) / 2
     start = np.concatenate([ARM_REST, middle]) if arm else middle
     target = start + 0.1
     world = make_world(SETTINGS)
-    robot = world.add_arm(hand, start) if arm else world.add_hand(hand, np.eye(4), start)
+    robot = world.add_arm(HAND, start) if arm else world.add_hand(HAND, np.eye(4), start)
     robot.set_targets(target)
     world.step(steps_in(2.0, world.frequency))
     np.testing.assert_allclose(robot.q, target, atol=2e-3)
@@ -68,21 +66,20 @@ def test_drives_reach_targets_without_gravity_error(arm: bool) -> None:
 
 def test_a_blocked_joint_presses_with_the_torque_limit() -> None:
     # index finger straight, tip against a fixed box: force x lever arm of joint_1.0 = hand_torque_limit
-    hand = load_hand()
-    q = np.clip(np.zeros(16), hand.lower, hand.upper)
-    poses = link_poses(hand, q[None])[0]
-    tip = poses[hand.link("link_3.0_tip")][:3, 3]
+    q = np.clip(np.zeros(16), HAND.lower, HAND.upper)
+    poses = link_poses(HAND, q[None])[0]
+    tip = poses[HAND.link("link_3.0_tip")][:3, 3]
     box = np.eye(4)
     box[:3, 3] = tip + [0.012 + 0.0205, 0, 0.02]  # its lower edge beside the tip's centre
     settings = PhysicsParameters(tip_static_friction=0, tip_dynamic_friction=0, support_friction=0)
     world = make_world(settings, np.zeros(3))
-    robot = world.add_hand(hand, np.eye(4), q)
+    robot = world.add_hand(HAND, np.eye(4), q)
     support = world.add_box([0.02, 0.02, 0.02], box, "wall")
     target = q.copy()
     target[1] += 0.5
     robot.set_targets(target)
     world.step(steps_in(1.0, world.frequency))
-    lever = tip[2] - poses[hand.link("link_1.0")][2, 3]
+    lever = tip[2] - poses[HAND.link("link_1.0")][2, 3]
     force = support.link_impulses()["link_3.0_tip"] * SETTINGS.frequency
     assert pressing_links(support, 0.01) == {"link_3.0_tip"}
     assert force[0] == pytest.approx(SETTINGS.hand_torque_limit / lever, rel=0.02)
@@ -90,14 +87,13 @@ def test_a_blocked_joint_presses_with_the_torque_limit() -> None:
 
 def test_a_test_repeats_bit_for_bit(cube) -> None:  # type: ignore[no-untyped-def]
     def run() -> bytes:
-        hand = load_hand()
-        q = (hand.lower + hand.upper) / 2
+        q = (HAND.lower + HAND.upper) / 2
         world = make_world(SETTINGS)
-        robot = world.add_hand(hand, np.eye(4), q)
+        robot = world.add_hand(HAND, np.eye(4), q)
         T = np.eye(4)
         T[:3, 3] = 0.06, 0.0, 0.06
         body = world.add_object(cube, T, "cube")
-        robot.set_targets(hand.upper)
+        robot.set_targets(HAND.upper)
         world.step(150)
         return robot.q.tobytes() + body.pose.tobytes()
 
@@ -109,9 +105,7 @@ def test_ignored_pairs_never_meet() -> None:
     import coal
     import pinocchio as pin
 
-    from pipeline.hand.robot import robot_file
-
-    path = str(robot_file(False))
+    path = str(robot_file(False, HAND))
     model = pin.buildModelFromUrdf(path)
     geometry = pin.buildGeomFromUrdf(model, path, pin.GeometryType.COLLISION)
     shapes: dict[str, list[int]] = {}
@@ -129,7 +123,7 @@ def test_ignored_pairs_never_meet() -> None:
             joint = model.parents[joint]
         return found
 
-    pairs = {tuple(sorted(pair)) for group in load_hand().never_meeting for pair in combinations(group, 2)}
+    pairs = {tuple(sorted(pair)) for group in HAND.never_meeting for pair in combinations(group, 2)}
     for first, second in sorted(pairs):
         if first not in shapes or second not in shapes:
             continue  # rigid with the palm; the arm is not part of this model

@@ -11,7 +11,7 @@ from pipeline.records.errors import UserError
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.records.poses import inverse_pose
-from tests.physics.test_holding import clamped_block
+from tests.physics.test_holding import HAND, clamped_block
 
 SETTINGS = PhysicsParameters()
 
@@ -28,7 +28,7 @@ def test_rigs_are_turned_until_gravity_points_down(direction: str) -> None:
 @pytest.mark.parametrize("squeezed", [True, False])
 def test_a_turned_rig_ends_as_the_upright_one_under_turned_gravity(squeezed: bool) -> None:
     q, squeeze, held = clamped_block()
-    grasp = HeldGrasp((held,), q, squeeze if squeezed else q)
+    grasp = HeldGrasp((held,), q, squeeze if squeezed else q, HAND)
     limits = ValidateParameters(gravity_directions=["+y"])
     settings = limits.for_floating_hand(SETTINGS)
     world = make_world(settings)
@@ -37,7 +37,7 @@ def test_a_turned_rig_ends_as_the_upright_one_under_turned_gravity(squeezed: boo
     world.step(steps_in(limits.gravity_seconds, world.frequency))
     pressing = pressing_links(bodies[0], limits.contact_impulse)
     turned = judge(grasp.objects, [inverse_pose(T_world_hand) @ bodies[0].pose], [pressing])
-    expected = hold_in_gravities(SETTINGS, limits, grasp.objects, q, grasp.squeeze_q)
+    expected = hold_in_gravities(SETTINGS, limits, grasp.objects, q, grasp.squeeze_q, HAND)
     assert turned.held(limits) == squeezed == (expected.failed_direction == "")
     assert turned.in_contact == tuple(expected.in_contact[0])
     if squeezed:
@@ -50,4 +50,4 @@ def test_without_a_gpu_one_sentence_says_so() -> None:
         pytest.skip("there is a GPU")
     q, squeeze, held = clamped_block()
     with pytest.raises(UserError, match="no usable CUDA device"):
-        hold_all_in_gravities(SETTINGS, ValidateParameters(), [HeldGrasp((held,), q, squeeze)])
+        hold_all_in_gravities(SETTINGS, ValidateParameters(), [HeldGrasp((held,), q, squeeze, HAND)])

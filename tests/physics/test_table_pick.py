@@ -23,7 +23,7 @@ def pick(squeeze: bool, opening: float, lower: float = 0.0) -> TablePick:
     R = T[:3, :3]
     links = [HAND.link("link_3.0_tip"), HAND.link("link_15.0_tip")]
     outward = opening * np.stack([-R[:, 0], R[:, 0]])
-    open_q = move_points(HAND, q, links, np.zeros((2, 3)), outward, finger_joints(["index", "thumb"]))
+    open_q = move_points(HAND, q, links, np.zeros((2, 3)), outward, finger_joints(["index", "thumb"], HAND))
     grasp = HeldGrasp((replace(held, prepared=prepared),), q, squeeze_q if squeeze else q, HAND)
     approach = Approach(open_q, np.array([0.0, 0.0, 1.0]), 0.05, penetrations=0, clearance=0.0)
     return pick_from_support(SETTINGS, LIMITS, grasp, np.linalg.inv(T), approach)

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from pipeline.hand.allegro import load_hand
 from pipeline.hand.kinematics import link_poses
+from pipeline.hand.model import load_hand
 from pipeline.hand.surface import hand_surface
 from pipeline.pictures.camera import framing, look_at
 from pipeline.pictures.picture import GAP, captioned, png_bytes, strip
@@ -74,15 +74,15 @@ def test_a_strip_is_as_wide_as_its_pictures():
 
 def test_the_drawn_hand_is_the_hand_of_the_grasps():
     """Collision samples of every link lie on or near its visual mesh: both are in one frame at one posture."""
-    hand = load_hand()
+    hand = load_hand("allegro")
     q = np.random.default_rng(0).uniform(hand.lower, hand.upper)
-    links, local = hand_surface(400)
+    links, local = hand_surface(400, hand)
     poses = link_poses(hand, q[None])[0]
     points = np.einsum("nij,nj->ni", poses[links][:, :3, :3], local) + poses[links][:, :3, 3]
     import open3d
 
     scene = open3d.t.geometry.RaycastingScene()
-    for body in hand_bodies(np.eye(4), q):
+    for body in hand_bodies(np.eye(4), q, hand):
         scene.add_triangles(body.world_vertices().astype(np.float32), body.faces.astype(np.uint32))
     distance = scene.compute_distance(points.astype(np.float32)).numpy()
     assert np.median(distance) < 0.002 and np.quantile(distance, 0.9) < 0.012
@@ -91,6 +91,6 @@ def test_the_drawn_hand_is_the_hand_of_the_grasps():
 def test_the_robot_carries_its_hand():
     q = np.zeros(23)
     q[:7], q[19] = [0.0, 0.0, 0.0, -2.0, 0.0, 2.0, 0.8], 0.3
-    robot = np.concatenate([body.world_vertices() for body in robot_bodies(q)])
+    robot = np.concatenate([body.world_vertices() for body in robot_bodies(q, load_hand("allegro"))])
     assert robot[:, 2].min() == pytest.approx(0.0, abs=0.02)  # stands on its base
     assert 0.5 < np.linalg.norm(robot, axis=1).max() < 1.4

@@ -11,8 +11,8 @@ import pytest
 import yaml
 
 from pipeline.records.errors import UserError
+from pipeline.records.hands import known_hands
 from pipeline.records.parameters import load_parameters, read_parameters
-from pipeline.records.parameters.hand import known_hands
 from pipeline.records.tables import CANDIDATES, VALIDATED, hand_of_table, of_hand, read_table, write_table
 from tests.pipeline.declared import declared_stages
 from tools import scales

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pipeline.hand.model import load_hand
 from pipeline.records import paths
 from pipeline.records.tables import MERGED, write_table
 from pipeline.report.counting import PairCounts, Single, pair_counts
@@ -19,6 +20,7 @@ from pipeline.report.pairs_table import uses
 from pipeline.report.rates import MOST_PAIRS, single_grasp_funnel
 from tests.report import made_up
 
+HAND = load_hand("allegro")
 SIDES = ["can", "box"]
 
 
@@ -43,7 +45,7 @@ def counts() -> list[PairCounts]:
 @pytest.fixture(scope="module")
 def content(counts) -> CardContent:
     validated = {one: made_up.validated(one.style, one.object_name) for one in SINGLES}
-    used, pairs = diversity(counts, validated)
+    used, pairs = diversity(counts, validated, HAND)
     return CardContent(
         scale="tiny",
         seed=3,
@@ -139,15 +141,15 @@ def moved_grasps(style: str, name: str, shifts: list[list[float]]):
 
 def test_distances_are_those_of_the_shifts():
     table = moved_grasps("pinch", "cube", [[0, 0, 0], [0, 0.004, 0], [0.003, 0, 0.004]])
-    used = used_grasps("pinch", "cube", table, [0, 2])
+    used = used_grasps(HAND, "pinch", "cube", table, [0, 2])
     assert used.grasp_ids.tolist() == [0, 2] and used.validated == 3
     np.testing.assert_allclose(used.distances, [[0, 0.005], [0.005, 0]], atol=1e-12)
     np.testing.assert_allclose(used.approach_elevations, np.arcsin(0.8))
 
 
 def test_merged_grasps_differ_by_the_larger_difference_of_their_halves():
-    firsts = used_grasps("pinch", "cube", moved_grasps("pinch", "cube", [[0, 0, 0], [0, 0.004, 0]]), [0, 1])
-    seconds = used_grasps("side", "can", moved_grasps("side", "can", [[0, 0, 0], [0, 0, 0.02]]), [0, 1])
+    firsts = used_grasps(HAND, "pinch", "cube", moved_grasps("pinch", "cube", [[0, 0, 0], [0, 0.004, 0]]), [0, 1])
+    seconds = used_grasps(HAND, "side", "can", moved_grasps("side", "can", [[0, 0, 0], [0, 0, 0.02]]), [0, 1])
     merged = made_up.merged("cube", "can", accepted=3)
     merged["grasp0_id"], merged["grasp1_id"] = [0, 1, 0, 0], [0, 0, 1, 0]
     counted = pair_counts("synthesized", "cube", "can", merged, made_up.trials("cube", ["can"]))

@@ -84,7 +84,10 @@ def trials() -> dict:
 
 @pytest.fixture(scope="module")
 def content(trials) -> PageContent:
+    from pipeline.hand.model import load_hand
     from pipeline.report.drawing import PairTask, all_shapes, draw_pair, opening_view
+
+    hand = load_hand("allegro")
 
     meshes = trimesh.creation.box((0.04, 0.04, 0.04)), trimesh.creation.cylinder(radius=0.03, height=0.1)
     counts = [one for source in ALL_SOURCES for one in made_up.counts("cube", ["can"], source)]
@@ -94,7 +97,7 @@ def content(trials) -> PageContent:
     assert (planned.listed, planned.opening, planned.worst) == ([], None, [])
     (request,) = planned.shown
     pair = tuple((np.asarray(mesh.vertices), np.asarray(mesh.faces)) for mesh in meshes)
-    drawn = draw_pair(PairTask(request, pair, made_up.merged("cube", "can"), trials))  # type: ignore[arg-type]
+    drawn = draw_pair(PairTask(request, hand, pair, made_up.merged("cube", "can"), trials))  # type: ignore[arg-type]
     funnels = [
         single_grasp_funnel(*key, made_up.candidates(*key), made_up.validated(*key))
         for key in (("pinch", "cube"), ("side", "can"))
@@ -108,7 +111,7 @@ def content(trials) -> PageContent:
         trials=counted,
         views=[drawn.view],
         trial_tables={(source, "cube", "can"): rows for source, rows in drawn.tables.items()} | harder_tables([harder]),
-        shapes=all_shapes([drawn]),
+        shapes=all_shapes([drawn], hand),
         shape_unit=UNIT,
         success_height=0.2,
         hold_seconds=2.0,

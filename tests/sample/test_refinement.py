@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipeline.hand.allegro import load_hand
+from pipeline.hand.model import load_hand
 from pipeline.model.representation import GraspBatch
 from pipeline.records.parameters import read_parameters
 from pipeline.records.poses import inverse_pose
@@ -13,7 +13,7 @@ from pipeline.sample.refinement import PairEnergy, refine
 from pipeline.shapes.distance_field import DistanceField
 from tests.synthesize import shapes
 
-HAND = load_hand()
+HAND = load_hand("allegro")
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def parameters(repository):
 @pytest.fixture(scope="module")
 def pair(parameters) -> PairEnergy:
     objects = shapes.box("cube"), shapes.cylinder("can")
-    return PairEnergy(objects, parameters.energy, (parameters.pinch, parameters.side), clearance=0.001)
+    return PairEnergy(objects, parameters.energy, (parameters.pinch, parameters.side), clearance=0.001, hand=HAND)
 
 
 def grasps(count: int, position0, position1, seed: int = 0) -> GraspBatch:
@@ -42,7 +42,7 @@ def test_slopes_of_the_objects_overlap_are_those_of_differences(pair):
     batch = grasps(4, [0.6, 0.0, 0.0], [0.63, 0.0, 0.0])
     contacts = pair.contacts(batch, np.random.default_rng(0))
     bare = pair.settings.model_copy(update={"weight_distance": 0.0, "weight_force_closure": 0.0, "weight_offset": 0.0})
-    still = PairEnergy(pair.objects, bare, pair.styles, pair.clearance)
+    still = PairEnergy(pair.objects, bare, pair.styles, pair.clearance, HAND)
     energy, gradient, _, overlap = still.evaluate(batch, contacts)
     assert (overlap > 0.001).all()
     step = 3e-5  # the kernel works in single precision
@@ -133,6 +133,6 @@ def test_distance_between_grasps_is_that_of_the_hands_seen_from_the_objects():
     np.testing.assert_allclose(np.diag(distances), 0.01, atol=1e-9)
     assert distances.shape == (3, 3)
     np.testing.assert_allclose(np.diag(grasp_distances(HAND, batch, batch)), 0, atol=1e-12)
-    figures = nearest_samples(batch, moved)
+    figures = nearest_samples(HAND, batch, moved)
     assert figures["grasps"] == 3 and figures["covered"] == 1.0
     assert figures["nearest_mm_median"] == pytest.approx(10.0, abs=1e-3)

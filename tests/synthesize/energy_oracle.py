@@ -12,7 +12,7 @@ import pytorch_kinematics
 import torch
 
 from pipeline.energy.keep_out import keep_out_points
-from pipeline.hand.model import Hand, load_hand
+from pipeline.hand.model import Hand
 from pipeline.hand.surface import hand_surface, mount_surface
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
@@ -38,11 +38,8 @@ def skew(w: torch.Tensor) -> torch.Tensor:
 
 
 class EnergyOracle:
-    def __init__(
-        self, prepared: PreparedObject, energy: EnergyParameters, style: StyleParameters, hand: Hand | None = None
-    ) -> None:
-        self.prepared, self.energy, self.style = prepared, energy, style
-        self.hand = hand or load_hand()
+    def __init__(self, prepared: PreparedObject, energy: EnergyParameters, style: StyleParameters, hand: Hand) -> None:
+        self.prepared, self.energy, self.style, self.hand = prepared, energy, style, hand
         self.chain = pytorch_kinematics.build_chain_from_urdf(self.hand.urdf.read_bytes()).to(dtype=DTYPE)
         order = self.chain.get_joint_parameter_names()
         self.columns = [self.hand.joint_names.index(name) for name in order]
@@ -143,7 +140,7 @@ class EnergyOracle:
         table = below.clamp(min=0).sum()
         self.kinks.append(float(below.detach().abs().min()))
         if self.style.mount_clearance is not None:
-            mount = tensor(mount_surface()) @ base.T + origin
+            mount = tensor(mount_surface(hand)) @ base.T + origin
             below = prepared.bottom + self.style.mount_clearance - mount[:, 2]
             table = table + below.clamp(min=0).sum()
             self.kinks.append(float(below.detach().abs().min()))
@@ -164,7 +161,7 @@ class EnergyOracle:
         keep_out = torch.zeros((), dtype=DTYPE)
         if self.style.keep_out_margin is not None:
             fingers = {finger for fingers in self.style.finger_sets for finger in fingers}
-            free = tensor(keep_out_points(tuple(sorted(fingers)))) @ base.T + origin
+            free = tensor(keep_out_points(tuple(sorted(fingers)), hand)) @ base.T + origin
             overlap = self.style.keep_out_margin - self.distance(free)[0]
             self.kinks.append(float(overlap.detach().abs().min()))
             own = [name for finger in fingers - {"palm"} for name in hand.finger_links[finger]]

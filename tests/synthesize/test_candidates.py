@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from pipeline.energy.scene import EnergyScene
-from pipeline.hand.allegro import load_hand
+from pipeline.hand.model import load_hand
 from pipeline.records.parameters import load_parameters
 from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters
 from pipeline.records.tables import CANDIDATES, write_table
@@ -16,6 +16,7 @@ from pipeline.synthesize.candidates import Request, first_states, split_chains, 
 from tests.synthesize import shapes
 from tests.synthesize.styles import some_style
 
+HAND = load_hand("allegro")
 SETS = some_style(
     finger_sets=[["thumb", "index"], ["thumb", "index", "middle"]],
     contacts={"thumb+index": 2, "thumb+index+middle": 3},
@@ -29,7 +30,7 @@ SETS = some_style(
 
 def request(batch: int = 32, **changes) -> Request:
     settings = SETS.model_copy(update=changes)
-    return Request(shapes.box(), "pinch", 3, EnergyParameters(), OptimizerParameters(batch=batch), settings)
+    return Request(shapes.box(), "pinch", 3, EnergyParameters(), OptimizerParameters(batch=batch), settings, HAND)
 
 
 @pytest.fixture(scope="module")
@@ -44,11 +45,11 @@ def test_chains_find_grasps_that_close_on_a_box(rows):
         contacts = np.stack(row.contact_points)
         # The box's own distance, not the grid's: contacts lie on its surface.
         assert np.abs(shapes.box_distance(np.full(3, 0.021))(contacts)).sum() <= 0.005
-        fingers = {load_hand().contact_finger[c] for c in row.contact_candidates}
+        fingers = {HAND.contact_finger[c] for c in row.contact_candidates}
         assert fingers == set(row.fingers.split("+"))
         assert len(set(row.contact_candidates)) == len(row.contact_candidates)
     q = np.stack(rows["q"].tolist())
-    assert (q >= load_hand().lower).all() and (q <= load_hand().upper).all()
+    assert (q >= HAND.lower).all() and (q <= HAND.upper).all()
 
 
 def test_rows_do_not_depend_on_blocks_and_fit_the_table(rows, tmp_path):
@@ -67,7 +68,7 @@ def test_more_chains_leave_the_earlier_ones_as_they_are(rows):
 def test_the_first_of_several_starts_is_that_of_a_chain_with_one():
     """And the others are first hands of their own, with seeds of their own."""
     several, one = request(chains=10, starts=3), request(chains=10, starts=1)
-    scene = EnergyScene(one.prepared, one.energy, one.settings)
+    scene = EnergyScene(one.prepared, one.energy, one.settings, HAND)
     for many_block, block in zip(split_chains(several), split_chains(one), strict=True):
         first, _, _, seeds = first_states(one, block, scene)
         firsts, _, _, all_seeds = first_states(several, many_block, scene)
@@ -83,7 +84,7 @@ def test_every_chain_is_in_one_block():
 
 def test_fingers_are_those_that_touch():
     """With free contacts a finger of the set may stay idle."""
-    hand = load_hand()
+    hand = HAND
     of = {finger: np.flatnonzero(np.array(hand.contact_finger) == finger) for finger in ("thumb", "index", "middle")}
     rows = [[of["middle"][0], of["thumb"][1], of["thumb"][2]], [of["index"][0], of["middle"][0], of["thumb"][5]]]
     named = touching(hand, ("thumb", "index", "middle"), np.array(rows))
@@ -104,7 +105,7 @@ def test_the_official_preset_finds_grasps_too():
             "starts": 1, "finger_sets": [["thumb", "index"]], "contacts": {"thumb+index": 2}, "links": {},
         }
     )  # fmt: skip
-    asked = Request(shapes.box(), "pinch", 3, energy, official, settings)
+    asked = Request(shapes.box(), "pinch", 3, energy, official, settings, HAND)
     rows = synthesize(asked, workers=1)
     assert (rows["rejected_by"] == "").sum() >= 1
     again = synthesize(asked, workers=2)

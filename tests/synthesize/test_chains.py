@@ -7,20 +7,20 @@ import pytest
 
 from pipeline.energy.contacts import contact_slots
 from pipeline.energy.scene import EnergyScene, Grasps, chosen, read_grasps
-from pipeline.hand.allegro import load_hand
+from pipeline.hand.model import load_hand
 from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters
 from pipeline.synthesize.chains import launch_chains, run_chains
 from pipeline.synthesize.seeds import draw_seeds, free_joints
 from tests.synthesize import shapes
 from tests.synthesize.test_energy import PINCH, SIDE
 
-HAND = load_hand()
+HAND = load_hand("allegro")
 STYLES = {"pinch": (shapes.box(), PINCH, ("thumb", "index"), 2), "side": (shapes.cylinder(), SIDE, ("ring", "palm"), 3)}
 
 
 def problem(style: str, count: int):
     prepared, settings, fingers, contacts = STYLES[style]
-    scene = EnergyScene(prepared, EnergyParameters(), settings)
+    scene = EnergyScene(prepared, EnergyParameters(), settings, HAND)
     slots = contact_slots(HAND, fingers, contacts)
     generators = [np.random.default_rng([3, index]) for index in range(count)]
     return scene, slots, draw_seeds(scene, HAND, style, settings, slots, generators)

@@ -9,7 +9,7 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
-from pipeline.hand.allegro import load_hand
+from pipeline.hand.model import load_hand
 from pipeline.hand.moves import finger_joints
 from pipeline.records import paths
 from pipeline.records.objects import write_prepared_object
@@ -18,7 +18,7 @@ from pipeline.synthesize import __main__ as stage
 from tests.synthesize import shapes
 from tests.synthesize.styles import some_style
 
-HAND = load_hand()
+HAND = load_hand("allegro")
 SIDE_POSTURE = np.array(HAND.style("side").posture)
 CHAINS = 40
 
@@ -72,7 +72,7 @@ def test_every_chain_has_a_row_and_the_bytes_do_not_depend_on_workers(workplace,
     q = np.stack(rows["q"].tolist())
     assert (q >= HAND.lower).all() and (q <= HAND.upper).all()
     if style == "side":
-        held = finger_joints(("thumb", "index", "middle"))
+        held = finger_joints(("thumb", "index", "middle"), HAND)
         assert np.abs(q[:, held] - SIDE_POSTURE[held]).max() < 0.5
     weights = values["synthesize"]["energy"]
     total = (

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pipeline.energy.scene import EnergyScene, Grasps
-from pipeline.hand.allegro import load_hand
+from pipeline.hand.model import load_hand
 from pipeline.records.parameters.synthesize import EnergyParameters
 from tests.synthesize import shapes
 from tests.synthesize.energy_oracle import EnergyOracle
@@ -27,7 +27,7 @@ SIDE = some_style(
 
 def random_grasps(count: int, contacts: int, reach: float, seed: int) -> Grasps:
     """Hands about the object in any posture, also beyond the limits; ``reach`` is how far the palm is, m."""
-    hand, rng = load_hand(), np.random.default_rng(seed)
+    hand, rng = load_hand("allegro"), np.random.default_rng(seed)
     rotation = Rotation.random(count, random_state=seed)
     position = -rotation.as_matrix()[:, :, 0] * rng.uniform(0.02, reach, (count, 1)) + rng.normal(0, 0.02, (count, 3))
     share = rng.uniform(-0.1, 1.1, (count, 16))
@@ -54,7 +54,7 @@ def random_grasps(count: int, contacts: int, reach: float, seed: int) -> Grasps:
 )
 def test_terms_and_gradient_equal_autograd(prepared, style, contacts, energy):
     grasps = random_grasps(24, contacts, 0.14, seed=contacts)
-    hand = load_hand()
+    hand = load_hand("allegro")
     if energy.balance_forces:  # both opposing groups need a contact
         grasps.contacts[:, 0] = np.flatnonzero(np.array(hand.contact_finger) == "thumb")[5]
         grasps.contacts[:, 1] = np.flatnonzero(np.array(hand.contact_finger) == "ring")[7]
@@ -65,8 +65,8 @@ def test_terms_and_gradient_equal_autograd(prepared, style, contacts, energy):
         grasps.q.astype(np.float32).astype(float),
         grasps.contacts,
     )
-    terms, gradients = EnergyScene(prepared, energy, style).evaluate(grasps)
-    oracle = EnergyOracle(prepared, energy, style)
+    terms, gradients = EnergyScene(prepared, energy, style, hand).evaluate(grasps)
+    oracle = EnergyOracle(prepared, energy, style, hand)
     rotations = Rotation.from_quat(grasps.rotation, scalar_first=True).as_matrix()
     errors, smooth = [], []
     for index in range(len(grasps)):

@@ -9,14 +9,14 @@ from scipy.spatial.transform import Rotation
 from pipeline.energy.arrays import block_order, torque_scale
 from pipeline.energy.contacts import contact_shares, contact_slots, force_closure
 from pipeline.energy.scene import Grasps
-from pipeline.hand.allegro import load_hand
+from pipeline.hand.model import load_hand
 from pipeline.records.energy_terms import COLUMNS, Terms
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.synthesize import EnergyParameters
 from pipeline.synthesize.scoring import ExactSurface, duplicates, first_failures
 from tests.synthesize import shapes
 
-HAND = load_hand()
+HAND = load_hand("allegro")
 HALF = np.array([0.02, 0.03, 0.04])
 
 

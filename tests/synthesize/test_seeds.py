@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.energy.contacts import contact_slots
 from pipeline.energy.scene import EnergyScene, Grasps
-from pipeline.hand.allegro import load_hand
 from pipeline.hand.kinematics import link_poses
+from pipeline.hand.model import load_hand
 from pipeline.hand.moves import finger_joints
 from pipeline.hand.surface import hand_surface
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
@@ -27,7 +27,7 @@ from pipeline.synthesize.seeds import (
 from tests.synthesize import shapes
 from tests.synthesize.test_energy import PINCH, SIDE
 
-HAND = load_hand()
+HAND = load_hand("allegro")
 SIDE_POSTURE = np.array(HAND.style("side").posture)
 SLOTS = {
     "pinch": contact_slots(HAND, ("thumb", "index"), 2),
@@ -39,7 +39,7 @@ OBJECTS = {"pinch": shapes.box(), "side": shapes.cylinder()}
 
 def seeds_of(style: str, count: int, settings: StyleParameters | None = None) -> Grasps:
     settings = settings or SETTINGS[style]
-    scene = EnergyScene(OBJECTS[style], EnergyParameters(), settings)
+    scene = EnergyScene(OBJECTS[style], EnergyParameters(), settings, HAND)
     generators = [np.random.default_rng([7, index]) for index in range(count)]
     return draw_seeds(scene, HAND, style, settings, SLOTS[style], generators)
 
@@ -69,7 +69,7 @@ def test_hands_face_the_object_from_the_side_of_their_style(style, palm, fingers
 @pytest.mark.parametrize("style", ["pinch", "side"])
 def test_no_seed_is_in_the_object_or_under_the_table(style):
     grasps, prepared = seeds_of(style, 48), OBJECTS[style]
-    owner, points = hand_surface(1000)
+    owner, points = hand_surface(1000, HAND)
     T = link_poses(HAND, grasps.q)[:, owner]
     in_hand = np.einsum("bnij,nj->bni", T[..., :3, :3], points) + T[..., :3, 3]
     placed = np.einsum("bij,bnj->bni", axes(grasps), in_hand) + grasps.position[:, None]
@@ -90,12 +90,12 @@ def test_heading_spread_turns_hands_about_z():
 
 def test_side_hands_begin_with_the_other_fingers_in_a_pinch():
     grasps = seeds_of("side", 48)
-    held = finger_joints(("thumb", "index", "middle"))
+    held = finger_joints(("thumb", "index", "middle"), HAND)
     assert np.abs(grasps.q[:, held] - SIDE_POSTURE[held]).max() < 0.5
     np.testing.assert_allclose(grasps.q[:, held].mean(0), SIDE_POSTURE[held], atol=0.1)
     assert (grasps.q >= HAND.lower).all() and (grasps.q <= HAND.upper).all()
-    np.testing.assert_array_equal(np.flatnonzero(free_joints(HAND, "side", SIDE)), finger_joints(("ring",)))
-    np.testing.assert_array_equal(np.flatnonzero(~free_joints(HAND, "pinch", PINCH)), finger_joints(("ring",)))
+    np.testing.assert_array_equal(np.flatnonzero(free_joints(HAND, "side", SIDE)), finger_joints(("ring",), HAND))
+    np.testing.assert_array_equal(np.flatnonzero(~free_joints(HAND, "pinch", PINCH)), finger_joints(("ring",), HAND))
 
 
 def test_contacts_are_distinct_and_of_their_slot():
@@ -118,7 +118,8 @@ def test_released_seeds_are_the_first_draw_with_all_joints_free(style):
     np.testing.assert_allclose(grasps.q.mean(0)[inner], posture[inner], atol=0.03 * width.max())
     assert (np.abs(grasps.q - posture) <= 0.5 * width).all()
     # Notes of the released code: a third of the pinch draws and four of five side draws begin under the table.
-    scene = EnergyScene(OBJECTS[style], EnergyParameters(), released.model_copy(update={"mount_clearance": None}))
+    bare = released.model_copy(update={"mount_clearance": None})
+    scene = EnergyScene(OBJECTS[style], EnergyParameters(), bare, HAND)
     below = (scene.evaluate(grasps)[0].table > 0).mean()
     assert (0.2 < below < 0.5) if style == "pinch" else (below > 0.6)
 

@@ -91,7 +91,8 @@ def test_every_parameter_of_the_composed_file_is_in_the_reference():
                 assert f"| `{name}` |" in sections[".".join(path) or "params.yaml"], [*path, name]
 
     check(yaml.safe_load((ROOT / "params.yaml").read_text()), [])
-    assert "| `weight_distance` | number, ≥ 0 | `100.0` | Per metre. Paper: 100. |" in text
+    assert "| `weight_distance` | number, ≥ 0 | `100.0` |" in text
+    assert "| `iterations` | integer, ≥ 1, ≤ 100000 | `600` |" in sections["synthesize.pinch"]
 
 
 def test_every_room_has_a_page_and_private_modules_have_none(tmp_path):

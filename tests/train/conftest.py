@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipeline.hand.allegro import load_hand
+from pipeline.hand.model import load_hand
 from pipeline.records.parameters.train import (
     DenoiserParameters,
     DiffusionParameters,
@@ -42,7 +42,7 @@ def objects():
 def merged_table(first: str, second: str, count: int = 24, seed: int = 0) -> pd.DataFrame:
     """Accepted rows that scatter about a grasp that depends on the pair, and one rejected row."""
     rng = np.random.default_rng(seed + 2 * FIRSTS.index(first) + SECONDS.index(second))
-    hand = load_hand()
+    hand = load_hand("allegro")
     rows = []
     for index in range(count + 1):
         row = {

@@ -4,10 +4,13 @@ import json
 import pytest
 import torch
 
+from pipeline.hand.model import load_hand
 from pipeline.model.checkpoint import read_checkpoint, write_checkpoint
 from pipeline.records.errors import UserError
 from pipeline.train import training
 from pipeline.train.data import gather_examples
+
+HAND = load_hand("allegro")
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +20,7 @@ def examples(tables, objects, settings):
 
 @pytest.fixture(scope="module")
 def trained(examples, settings, tmp_path_factory):
-    return training.train(examples, settings, 1, tmp_path_factory.mktemp("state") / "state.pt")
+    return training.train(examples, settings, 1, tmp_path_factory.mktemp("state") / "state.pt", HAND)
 
 
 def with_optimization(settings, **changes):
@@ -35,10 +38,10 @@ def test_a_killed_run_resumes_to_the_same_bytes(examples, settings, trained, tmp
 
     monkeypatch.setattr(training, "loss_of", killed)
     with pytest.raises(KeyboardInterrupt):
-        training.train(examples, settings, 1, state)
+        training.train(examples, settings, 1, state, HAND)
     assert torch.load(state, weights_only=True)["step"] == 4
     monkeypatch.setattr(training, "loss_of", original)
-    checkpoint, history = training.train(examples, settings, 1, state)
+    checkpoint, history = training.train(examples, settings, 1, state, HAND)
     for name in ("whole", "resumed"):
         write_checkpoint(tmp_path / name, *(trained if name == "whole" else (checkpoint, history)))
     for name in ("model.safetensors", "model.json", "history.csv"):
@@ -48,15 +51,15 @@ def test_a_killed_run_resumes_to_the_same_bytes(examples, settings, trained, tmp
 @pytest.mark.parametrize(("changes", "code"), [({"learning_rate": 0.01}, ""), ({}, "other")])
 def test_another_run_s_state_is_not_resumed(examples, settings, trained, tmp_path, changes, code):
     state = tmp_path / "state.pt"
-    training.train(examples, with_optimization(settings, **changes), 1, state, code)
+    training.train(examples, with_optimization(settings, **changes), 1, state, HAND, code)
     spoilt = torch.load(state, weights_only=True)
     for weights in spoilt["average"].values():
         weights.zero_()  # so that it would be seen
     torch.save(spoilt, state)
-    checkpoint, _ = training.train(examples, settings, 1, state)
+    checkpoint, _ = training.train(examples, settings, 1, state, HAND)
     assert all(torch.equal(value, trained[0].weights[name]) for name, value in checkpoint.weights.items())
     state.write_bytes(b"half a fi")
-    checkpoint, _ = training.train(examples, settings, 1, state)
+    checkpoint, _ = training.train(examples, settings, 1, state, HAND)
     assert all(torch.equal(value, trained[0].weights[name]) for name, value in checkpoint.weights.items())
 
 
@@ -83,7 +86,7 @@ def test_every_objective_learns(examples, settings, tmp_path, objective, schedul
             "denoiser": settings.denoiser.model_copy(update={"kind": kind}),
         }
     )
-    _, history = training.train(examples, own, 1, tmp_path / "state.pt")
+    _, history = training.train(examples, own, 1, tmp_path / "state.pt", HAND)
     assert history[-1]["training_loss"] < 0.95 * history[0]["training_loss"]
 
 

@@ -23,7 +23,7 @@ def sound(tmp_path_factory) -> Path:
 
     encoder = EncoderParameters(points=16, clouds=1, centres=[8, 4, 2], neighbours=[4, 4, 2], widths=[4, 4, 4])
     denoiser = DenoiserParameters(width=8, blocks=1, slot_width=2)
-    weights = GraspModel(encoder, denoiser).state_dict()
+    weights = GraspModel(encoder, denoiser, 34).state_dict()
     folder = tmp_path_factory.mktemp("checkpoint") / "train"
     normalisation = Normalisation(np.zeros(34), np.ones(34))
     checkpoint = Checkpoint(encoder, denoiser, DiffusionParameters(), normalisation, (("a", "b"),), {}, weights)

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from pipeline.hand.kinematics import link_poses, points_on_links
+from pipeline.hand.support import PLANE
 from pipeline.physics.holding import Holding
 from pipeline.physics.table_pick import TablePick
 from pipeline.records.objects import PreparedObject
@@ -41,7 +42,8 @@ def block_grasp() -> tuple[PreparedObject, Candidate]:
         nearest_candidate("link_15.0_tip", q, T[:3, 3] + half * T[:3, 0]),
     ]
     normals = np.array([[-1.0, 0, 0], [1.0, 0, 0]])
-    return held.prepared, Candidate("pinch", ("thumb", "index"), inverse_pose(T), q, np.array(contacts), normals)
+    fingers = ("thumb", "index")
+    return held.prepared, Candidate("pinch", fingers, inverse_pose(T), q, np.array(contacts), normals, HAND)
 
 
 def rows(prepared: PreparedObject, candidate: Candidate, rejected: list[str]) -> pd.DataFrame:
@@ -171,20 +173,22 @@ def test_table_keeps_all_rows_and_reads_back(tmp_path) -> None:  # type: ignore[
     prepared, candidate = block_grasp()
     table = rows(prepared, candidate, ["force_closure", "", ""])
     limits = ValidateParameters(most_candidates=1, table_test=False)
-    result = validate_table(table.iloc[::-1], prepared, SETTINGS, limits, 1, "test")
+    result = validate_table(table.iloc[::-1], prepared, SETTINGS, limits, 1, "test", PLANE, HAND)
     assert result.rejected_by.tolist() == ["force_closure", "", "not_tested"]
     write_table(tmp_path / "v.parquet", result, VALIDATED)
     again = read_table(tmp_path / "v.parquet", VALIDATED, "test")
     assert again.grasp_id.tolist() == [0, 1, 2]
     assert again.squeeze_q[0] is None and len(again.squeeze_q[1]) == 16
     assert again.gravity_in_contact[1].tolist() == [True] * 6
-    np.testing.assert_allclose(candidate_of(again.loc[1].to_dict()).T_object_hand, candidate.T_object_hand, atol=1e-12)
+    read = candidate_of(again.loc[1].to_dict(), PLANE, HAND)
+    np.testing.assert_allclose(read.T_object_hand, candidate.T_object_hand, atol=1e-12)
 
 
 def test_result_does_not_depend_on_workers_or_neighbours(tmp_path) -> None:  # type: ignore[no-untyped-def]
     prepared, candidate = block_grasp()
     limits = ValidateParameters(gravity_directions=["-z"], table_test=False)
     for name, reasons, workers in (("a", ["", "", ""], 1), ("b", ["", "", ""], 2)):
-        result = validate_table(rows(prepared, candidate, reasons), prepared, SETTINGS, limits, workers, "test")
+        table = rows(prepared, candidate, reasons)
+        result = validate_table(table, prepared, SETTINGS, limits, workers, "test", PLANE, HAND)
         write_table(tmp_path / name, result, VALIDATED)
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()

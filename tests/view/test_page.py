@@ -15,6 +15,7 @@ import pandas as pd
 import pytest
 from PIL import Image
 
+from pipeline.hand.model import load_hand
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.objects import write_prepared_object
@@ -38,6 +39,8 @@ from pipeline.view.tables import (
 from tests.browser import needs_chromium, open_page
 from tests.report import made_up
 from tests.view.made_up import box, write_parameters
+
+HAND = load_hand("allegro")
 
 
 @pytest.fixture
@@ -64,7 +67,7 @@ def project(bare: Path) -> Path:
 @pytest.fixture
 def page(project: Path):
     """The page of that project."""
-    page = Page(Library(read_parameters()), "127.0.0.1", 18080)
+    page = Page(lambda: Library(read_parameters(), HAND), "127.0.0.1", 18080)
     yield page
     page.close()
 
@@ -74,7 +77,7 @@ def shown(page: Page, kind: str) -> set[str]:
 
 
 def test_every_missing_table_names_the_stage_that_makes_it(bare: Path) -> None:
-    library = Library(read_parameters())
+    library = Library(read_parameters(), HAND)
     said = {view: " ".join(library.index(view)[1]) for view in VIEWS}
     for view, stages in {
         OBJECTS: ["prepare"],
@@ -91,11 +94,11 @@ def test_stages_that_are_named_exist(bare: Path, repository: Path) -> None:
     import yaml
 
     stages = set(yaml.safe_load((repository / "dvc.yaml").read_text())["stages"])
-    assert {table.stage.split("@")[0] for table in Library(read_parameters()).tables.values()} <= stages
+    assert {table.stage.split("@")[0] for table in Library(read_parameters(), HAND).tables.values()} <= stages
 
 
 def test_index_names_every_row(project: Path) -> None:
-    library = Library(read_parameters())
+    library = Library(read_parameters(), HAND)
     validated = library.index(VALIDATED_VIEW)[0]
     assert list(validated["name"][:4]) == [f"validate/pinch/cube/{number}" for number in range(4)]
     assert list(validated["reason"][:4]) == ["passed", "gravity:-x", "distance", "passed"]
@@ -110,7 +113,7 @@ def test_index_names_every_row(project: Path) -> None:
 def test_pairs_share_a_table_and_have_rows_of_their_own(project: Path) -> None:
     pairs = [made_up.merged("cube", "soup_can"), made_up.merged("cube", "mug", accepted=3)]
     write_table(paths.merged_file("cube"), pd.concat(pairs), MERGED)
-    library = Library(read_parameters())
+    library = Library(read_parameters(), HAND)
     index = library.index(MERGED_VIEW)[0].set_index("name", drop=False)
     assert list(index["second"]) == ["soup_can"] * 3 + ["mug"] * 4
     row = library.row(index.loc["merge/cube/mug/2"])
@@ -119,7 +122,7 @@ def test_pairs_share_a_table_and_have_rows_of_their_own(project: Path) -> None:
 
 
 def test_tables_are_read_again_when_they_change_and_only_then(project: Path) -> None:
-    library = Library(read_parameters())
+    library = Library(read_parameters(), HAND)
     line = library.index(MERGED_VIEW)[0].iloc[2]
     assert library.index(MERGED_VIEW)[0].equals(library.index(MERGED_VIEW)[0])
     first = library._once("index", paths.merged_file("cube"), lambda: pytest.fail("was not kept"))
@@ -132,7 +135,7 @@ def test_tables_are_read_again_when_they_change_and_only_then(project: Path) -> 
 
 def test_a_damaged_table_is_a_sentence_beside_the_others(project: Path) -> None:
     paths.candidates_file("pinch", "cube").write_bytes(b"PAR1 and nothing more")
-    index, sentences = Library(read_parameters()).index(CANDIDATES_VIEW)
+    index, sentences = Library(read_parameters(), HAND).index(CANDIDATES_VIEW)
     assert set(index["first"]) == {"soup_can"}
     assert len(sentences) == 1 and "damaged" in sentences[0] and "`dvc repro synthesize@pinch`" in sentences[0]
 

@@ -5,13 +5,14 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from pipeline.hand.allegro import load_hand
 from pipeline.hand.kinematics import link_poses
+from pipeline.hand.model import load_hand
 from pipeline.records.reconstructions import ReconstructedObject
 from pipeline.view import scenes, shapes
 from pipeline.view.drawing import Drawing, Solid, camera, grid, picked, translations
 from tests.view.made_up import box
 
+HAND = load_hand("allegro")
 Q = np.array([0.1, 0.7, 0.3, 0.4, 0.0, 0.6, 0.2, 0.5, -0.1, 0.8, 0.4, 0.3, 1.0, 0.3, 0.2, 0.6])
 TURN = Rotation.from_euler("xyz", [0.3, -0.5, 1.1])
 TIPS = ("link_3.0_tip", "link_7.0_tip", "link_11.0_tip", "link_15.0_tip")
@@ -19,8 +20,7 @@ TIPS = ("link_3.0_tip", "link_7.0_tip", "link_11.0_tip", "link_15.0_tip")
 
 def tip_places(T_world_hand: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Origins (4, 3) of the fingertips by the batched numpy kinematics; drawings use Pinocchio's."""
-    hand = load_hand()
-    return (T_world_hand @ link_poses(hand, q[None])[0])[[hand.link(name) for name in TIPS], :3, 3]
+    return (T_world_hand @ link_poses(HAND, q[None])[0])[[HAND.link(name) for name in TIPS], :3, 3]
 
 
 def world_from_object(position: list, turn: Rotation) -> np.ndarray:
@@ -77,14 +77,14 @@ def fingertips(drawing: Drawing, place: int = 0) -> np.ndarray:
 
 
 def test_a_grasp_stands_on_its_object_which_stands_on_the_ground() -> None:
-    drawing = scenes.grasps_on_objects([grasp("can")], OBJECTS, None)
+    drawing = scenes.grasps_on_objects([grasp("can")], OBJECTS, None, HAND)
     assert named(drawing, "object/can").corners()[:, 2].min() == pytest.approx(0.0)
     T_world_hand = world_from_object([0.03, -0.02, 0.11 + 0.05], TURN)  # the can's origin is 5 cm over its base
     np.testing.assert_allclose(fingertips(drawing), tip_places(T_world_hand, Q), atol=1e-6)
 
 
 def test_contacts_lie_at_their_points_and_normals_point_outwards() -> None:
-    drawing = scenes.grasps_on_objects([grasp("cube")], OBJECTS, None)
+    drawing = scenes.grasps_on_objects([grasp("cube")], OBJECTS, None, HAND)
     expected = [[0.02, 0.0, 0.03], [-0.02, 0.0, 0.03]]
     np.testing.assert_allclose(drawing.clouds[0].points, expected)
     np.testing.assert_allclose(drawing.lines[0].ends[:, 0], expected)
@@ -93,7 +93,7 @@ def test_contacts_lie_at_their_points_and_normals_point_outwards() -> None:
 
 def test_layers_take_the_place_of_the_mesh_or_come_in_addition() -> None:
     layers = scenes.Layers(contacts=False, samples=True, parts=True, hand_candidates=True, see_through=True)
-    drawing = scenes.grasps_on_objects([grasp("cube")], OBJECTS, None, layers=layers)
+    drawing = scenes.grasps_on_objects([grasp("cube")], OBJECTS, None, HAND, layers=layers)
     keys = {solid.key for solid in drawing.solids}
     assert {"part/cube/00", "part/cube/01"} <= keys and "object/cube" not in keys and not drawing.lines
     assert {cloud.key: len(cloud.points) for cloud in drawing.clouds} == {"samples": 8, "candidates": 143}
@@ -104,7 +104,7 @@ def test_layers_take_the_place_of_the_mesh_or_come_in_addition() -> None:
 
 def test_contact_candidates_of_the_hand_are_on_its_tips() -> None:
     """15 of them lie 12 mm from the middle of each fingertip."""
-    points = scenes.contact_candidates(Q)
+    points = scenes.contact_candidates(Q, HAND)
     for tip in tip_places(np.eye(4), Q):
         assert (np.abs(np.linalg.norm(points - tip, axis=1) - 0.012) < 1e-9).sum() == 15
 
@@ -113,14 +113,14 @@ def test_other_postures_are_drawn_where_a_check_was_reached() -> None:
     assert scenes.postures(grasp("cube")) == ["grasp", "open"]
     T_world_hand = world_from_object([0.03, -0.02, 0.13], TURN)
     for joints, q in (("open_q", Q - 0.05), ("squeeze_q", Q)):
-        drawing = scenes.grasps_on_objects([grasp("cube")], OBJECTS, None, joints=joints)
+        drawing = scenes.grasps_on_objects([grasp("cube")], OBJECTS, None, HAND, joints=joints)
         np.testing.assert_allclose(fingertips(drawing), tip_places(T_world_hand, q), atol=1e-6)
 
 
 def test_side_by_side_grasps_keep_their_pose_and_their_colour() -> None:
     many = [grasp("cube" if number % 2 else "can", number) for number in range(11)]
     tints = np.linspace(0, 1, 33).reshape(11, 3)
-    drawing = scenes.grasps_on_objects(many, OBJECTS, tints, scenes.SIDE_BY_SIDE)
+    drawing = scenes.grasps_on_objects(many, OBJECTS, tints, HAND, scenes.SIDE_BY_SIDE)
     palm = named(drawing, "hand/00")
     np.testing.assert_allclose(palm.colours, tints)
     # row 9 is the second of the second line of eight
@@ -132,7 +132,7 @@ def test_side_by_side_grasps_keep_their_pose_and_their_colour() -> None:
 
 
 def test_a_click_means_the_thing_under_the_pointer() -> None:
-    drawing = scenes.grasps_on_objects([grasp("cube", n) for n in range(11)], OBJECTS, None, scenes.SIDE_BY_SIDE)
+    drawing = scenes.grasps_on_objects([grasp("cube", n) for n in range(11)], OBJECTS, None, HAND, scenes.SIDE_BY_SIDE)
     eye = np.array([1.0, -3.0, 2.0])
     for number in (0, 7, 8, 10):
         target = [(number % 8) * scenes.CELL, -(number // 8) * scenes.CELL, 0.02]
@@ -145,7 +145,7 @@ def test_a_click_means_the_thing_under_the_pointer() -> None:
 def test_hands_on_top_of_each_other_are_lines_as_long_as_their_fingers() -> None:
     """Lengths of an Allegro finger: 54 mm, 38.4 mm, and 26.7 mm to the middle of the tip."""
     many = [grasp("cube", number, fingers="index") for number in range(3)]
-    drawing = scenes.grasps_on_objects(many, OBJECTS, None, scenes.ON_TOP)
+    drawing = scenes.grasps_on_objects(many, OBJECTS, None, HAND, scenes.ON_TOP)
     ends = drawing.lines[0].ends
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).reshape(3, -1)
     np.testing.assert_allclose(lengths[:, 2:], [[0.054, 0.0384, 0.0267]] * 3, atol=1e-9)
@@ -155,7 +155,7 @@ def test_hands_on_top_of_each_other_are_lines_as_long_as_their_fingers() -> None
 
 
 def test_objects_of_a_pair_lie_in_the_hand_as_the_row_says() -> None:
-    drawing = scenes.merged_grasps([pair()], MESHES, None)
+    drawing = scenes.merged_grasps([pair()], MESHES, None, HAND)
     T_world_hand = named(drawing, "hand/00").T_world[0]
     there = np.linalg.inv(T_world_hand) @ named(drawing, "object0/cube").T_world[0]
     np.testing.assert_allclose(there, world_from_object([0.08, 0.03, 0.05], TURN), atol=1e-9)
@@ -172,15 +172,15 @@ def test_a_trial_is_drawn_where_it_happened() -> None:
         "snapshot_pose0": [pose, pose],
         "snapshot_pose1": [pose, [np.nan] * 7],  # lost by physics
     }
-    drawing = scenes.trial_moment(row, (CUBE, CAN), 0.07, 0)
+    drawing = scenes.trial_moment(row, (CUBE, CAN), HAND, 0.07, 0)
     np.testing.assert_allclose(named(drawing, "object1/can").T_world[0], world_from_object(pose[:3], TURN), atol=1e-9)
     sponge = next(solid for solid in drawing.scenery if solid.key == "sponge")
     assert sponge.corners()[:, 2].max() == pytest.approx(0.07) and sponge.corners()[:, 2].min() == pytest.approx(0.0)
-    later = scenes.trial_moment(row, (CUBE, CAN), 0.07, 1)
+    later = scenes.trial_moment(row, (CUBE, CAN), HAND, 0.07, 1)
     assert not any(solid.key.startswith("object1") for solid in later.solids)
     base = next(solid for solid in drawing.solids if solid.key == "robot/00")
     np.testing.assert_allclose(base.T_world[0], np.eye(4), atol=1e-12)
-    nothing = scenes.trial_moment(row | {"snapshot_phases": []}, (CUBE, CAN), 0.07, -1)
+    nothing = scenes.trial_moment(row | {"snapshot_phases": []}, (CUBE, CAN), HAND, 0.07, -1)
     assert not nothing.solids and len(nothing.scenery) == 2
 
 

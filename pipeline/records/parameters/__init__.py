@@ -22,10 +22,11 @@ from pydantic import Field, ValidationError, model_validator
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError, first_mistake
+from pipeline.records.hands import ALLEGRO, description_file
 from pipeline.records.parameters.capture import CaptureParameters, ReconstructedParameters, RenderingParameters
 from pipeline.records.parameters.compute import ComputeParameters
 from pipeline.records.parameters.evaluate import EvaluateParameters
-from pipeline.records.parameters.hand import ALLEGRO, description_file, read_description
+from pipeline.records.parameters.hand import read_description
 from pipeline.records.parameters.harder import HarderParameters, overridden
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.names import require_name

@@ -11,7 +11,7 @@ class PlacedObject(Section):
     """Where an object of the catalogue stands in a rendered capture."""
 
     position: tuple[float, float] = Field(description="[m] Position (x, y) of the object frame's origin on the foam.")
-    yaw_degrees: float = Field(description="[degrees] Rotation of the object about the vertical.")
+    yaw_degrees: float = Field(0.0, description="[degrees] Rotation of the object about the vertical.")
 
 
 class RenderingParameters(Section):

@@ -15,14 +15,12 @@ import yaml
 from pydantic import Field, ValidationError, model_validator
 
 from pipeline.records.errors import UserError, first_mistake
+from pipeline.records.hands import ALLEGRO as ALLEGRO  # until merge and evaluate import it from there
 from pipeline.records.parameters.section import Section
 
-HANDS_FOLDER = Path(__file__).resolve().parents[3] / "hands"
-DESCRIPTION = "hand.yaml"
-ALLEGRO = "allegro"  # the hand of everything about two objects, the arm and the learned model
 PALM = "palm"
 FINGER_NAME = re.compile(r"[a-z][a-z0-9_]*")
-MOUNT_LINKS = ("panda_link7", "mount")  # links behind a mounted hand that never_meeting may name
+FLANGE_LINK, MOUNT_LINK = "panda_link7", "mount"  # links behind a mounted hand, which never_meeting may name
 
 Vector = tuple[float, float, float]
 Side = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
@@ -39,6 +37,15 @@ class UrdfSource(Section):
     )
 
 
+class HoldingDescription(Section):
+    """A spread of postures in which a finger holds an object: each angle of `first` with each row of `bent`."""
+
+    first: list[float] = Field(min_length=1, description="Angles of the finger's first joint, rad.")
+    bent: list[list[float]] = Field(
+        min_length=2, description="Angles of its other joints, rad, from least to most bent; the second row is typical."
+    )
+
+
 class FingerDescription(Section):
     """A finger, or the palm."""
 
@@ -52,6 +59,9 @@ class FingerDescription(Section):
     straight: list[float] | None = Field(
         None,
         description="[rad] Angles of `joints` with the finger stretched out of the way; null: it has no such posture.",
+    )
+    holding: HoldingDescription | None = Field(
+        None, description="Where the finger is while it holds an object: grasps of other fingers leave this room free."
     )
 
 
@@ -125,6 +135,30 @@ class ContactDescription(Section):
         return self
 
 
+class PoseDescription(Section):
+    """A frame in another one, as in a URDF."""
+
+    xyz: Vector = Field(description="Position, m.")
+    rpy: Vector = Field((0.0, 0.0, 0.0), description="Roll, pitch and yaw about fixed axes, rad.")
+
+
+class MountBoxDescription(Section):
+    """The collision shape of a mount."""
+
+    origin: PoseDescription = Field(description="The box in the mount's frame.")
+    size: Vector = Field(description="Whole extents, m.")
+
+
+class MountDescription(Section):
+    """A rigid mount between the flange of the Panda (`panda_link7`) and the hand."""
+
+    origin: PoseDescription = Field(description="The mount in the flange's frame.")
+    hand: PoseDescription = Field(description="The hand's root link in the mount's frame.")
+    mass: float = Field(gt=0, description="kg.")
+    inertia: Vector = Field(description="Moments about the axes of the mount's frame, kg m2.")
+    box: MountBoxDescription
+
+
 class TiltDescription(Section):
     """Random tilt of initial hand poses: `axis` is rotated to a vector drawn uniformly from a box."""
 
@@ -136,6 +170,11 @@ class TiltDescription(Section):
 class HandStyle(Section):
     """Where the search for grasps of one style starts."""
 
+    fingers: list[str] = Field(
+        min_length=2,
+        description="Fingers (and the palm) that belong to an object that is held in this style; where several objects "
+        "are in the hand, those of the others belong to others.",
+    )
     orientation: tuple[Vector, Vector, Vector] = Field(
         description="Rotation R_object_hand before the tilt, by rows; its columns are the hand's axes in the object "
         "frame."
@@ -193,8 +232,8 @@ class HandDescription(Section):
         max_length=32,
         description="Groups of links that cannot collide with one another. Physics skips them, which only saves time.",
     )
-    mount: Literal["panda_allegro"] | None = Field(
-        None, description="Mount of the hand in the tests: the published one on the Panda arm; null: none is modelled."
+    mount: MountDescription | None = Field(
+        None, description="Mount that carries the hand on the Panda arm; null: nothing is modelled behind the hand."
     )
     styles: dict[Literal["pinch", "side"], HandStyle] = Field(
         min_length=1, description="Styles in which the hand can grasp."
@@ -221,6 +260,11 @@ class HandDescription(Section):
                     )
             if finger.straight is not None and len(finger.straight) != len(finger.joints):
                 raise ValueError(f"fingers.{name}.straight needs {len(finger.joints)} angles, one per joint")
+            for row in finger.holding.bent if finger.holding else ():
+                if len(row) != len(finger.joints) - 1:
+                    raise ValueError(
+                        f"fingers.{name}.holding.bent needs an angle per joint after the first in each row"
+                    )
         for joint in self.joints:
             if joint not in owners:
                 raise ValueError(f"the joint {joint!r} is in no finger; add it to one")
@@ -230,7 +274,8 @@ class HandDescription(Section):
     def _fingers_agree(self) -> Self:
         named = {"opposing": self.opposing}
         for name, style in self.styles.items():
-            named |= {f"styles.{name}.held": style.held, f"styles.{name}.waiting": style.waiting}
+            for field in ("fingers", "held", "waiting"):
+                named[f"styles.{name}.{field}"] = getattr(style, field)
             named[f"styles.{name}.curled_like"] = [style.curled_like] if style.curled_like else []
             for field in ("posture", "released_posture"):
                 angles = getattr(style, field)
@@ -246,25 +291,6 @@ class HandDescription(Section):
                 if finger not in self.fingers:
                     raise ValueError(f"{where}: {finger!r} is not a finger; use {', '.join(self.fingers)}")
         return self
-
-
-def known_hands() -> list[str]:
-    """Return the names of the hands that have a description."""
-    return sorted(file.parent.name for file in HANDS_FOLDER.glob(f"*/{DESCRIPTION}"))
-
-
-def description_file(name: str) -> Path:
-    """Return the file that describes a hand.
-
-    Raises:
-        UserError: there is no hand of this name.
-    """
-    if name not in known_hands():
-        raise UserError(
-            f"there is no hand {name!r}; describe it in hands/{name}/{DESCRIPTION}, or use one of "
-            f"{', '.join(known_hands())}."
-        )
-    return HANDS_FOLDER / name / DESCRIPTION
 
 
 @lru_cache(maxsize=8)
