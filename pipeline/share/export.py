@@ -29,7 +29,10 @@ from pipeline.share.released import (
 
 HDF5 = (".h5", ".hdf5")
 TABLE = pa.schema(
-    [pa.field("source", pa.string(), metadata={"description": GRASP_COLUMNS["source"]}), *PAIR_GRASPS]
+    [
+        pa.field("source", pa.string(), metadata={"description": GRASP_COLUMNS["source"]}),
+        *(field.with_metadata({"description": field.metadata[b"description"]}) for field in PAIR_GRASPS),
+    ]
 )  # of FILE.parquet
 
 
