@@ -170,9 +170,11 @@ def self_clearance(grasp: JoinedGrasp, posed: PosedHand) -> float:
     return min(finger_clearance(posed, fingers_of([group])) for group in grasp.groups[1:])
 
 
-def mount_height(T_object_hand: NDArray[np.float64], item: PreparedObject, support: Support = PLANE) -> float:
+def mount_height(
+    hand: Hand, T_object_hand: NDArray[np.float64], item: PreparedObject, support: Support = PLANE
+) -> float:
     """Return the height, m, of flange and mount over what the object stands on, with the hand at its grasp."""
-    return _height(transform_points(T_object_hand, mount_surface()), item.bottom, support)
+    return _height(transform_points(T_object_hand, mount_surface(hand)), item.bottom, support)
 
 
 def support_height(

@@ -120,7 +120,7 @@ def over_supports(tried: Attempt) -> Finding:
     lowest_mount = np.inf
     for pick in tried.later:
         item, support, T_object_hand = task.objects[pick], task.supports[pick], grasp.singles[pick].T_object_hand
-        height = mount_height(T_object_hand, item, support)
+        height = mount_height(grasp.hand, T_object_hand, item, support)
         lowest_mount = min(height, lowest_mount)
         if height < task.merge.mount_clearance:
             return {"mount_clearance": lowest_mount}, MergeReason.MOUNT_CLEARANCE

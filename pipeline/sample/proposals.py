@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from pipeline.compute.fan_out import Workers
 from pipeline.compute.pool import Calls, Work, run_one
 from pipeline.compute.shared import Shared
-from pipeline.hand.model import Hand
 from pipeline.model.checkpoint import Checkpoint
 from pipeline.model.network import GraspModel
 from pipeline.pairing.combination import check_combination
@@ -138,11 +137,11 @@ def _draw(model: Shared[Model], shared: Shared[SampleRequest], _: None) -> tuple
     """Return what the model draws for a pair, and figures of it as it came from the model."""
     energy = pair_energy(shared.value)
     drawn = draw_grasps(model.value.checkpoint, model.value.network, shared.value, energy)
-    return drawn, quality(shared.value.pair.hand, energy, drawn.raw)
+    return drawn, quality(energy, drawn.raw)
 
 
 def _quality(shared: Shared[SampleRequest], scored: Scored) -> dict[str, float]:
-    return quality(shared.value.pair.hand, pair_energy(shared.value), scored)
+    return quality(pair_energy(shared.value), scored)
 
 
 def checked_pair(pair: Task, settings: SamplingParameters) -> Task:
@@ -173,12 +172,12 @@ def check_sample(pair: Task, scored: Scored, index: int) -> dict[str, Any]:
     return check_combination(pair, [ready(pair, number, single) for number, single in enumerate(singles)])
 
 
-def quality(hand: Hand, energy: PairEnergy, scored: Scored) -> dict[str, float]:
+def quality(energy: PairEnergy, scored: Scored) -> dict[str, float]:
     """Return figures of samples without physics, mm: overlap of hand and objects, distance of contacts.
 
     Medians over samples; of the overlap of the objects the largest.
     """
-    grasps = scored.grasps
+    hand, grasps = energy.hand, scored.grasps
     depths = [
         penetration_depth(hand, item, energy.fields[slot], grasps.T_hand_object[:, slot], grasps.q)
         for slot, item in enumerate(energy.objects)

@@ -32,7 +32,10 @@ from pipeline.stages.running import command
 
 HDF5 = (".h5", ".hdf5")
 TABLE = pa.schema(
-    [pa.field("source", pa.string(), metadata={"description": GRASP_COLUMNS["source"]}), *PAIR_GRASPS]
+    [
+        pa.field("source", pa.string(), metadata={"description": GRASP_COLUMNS["source"]}),
+        *(field.with_metadata({"description": field.metadata[b"description"]}) for field in PAIR_GRASPS),
+    ]
 )  # of FILE.parquet
 
 

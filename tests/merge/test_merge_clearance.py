@@ -120,10 +120,10 @@ def test_crossed_ring_and_middle_fingers_are_seen() -> None:
 
 
 def test_heights_follow_the_hand_and_the_plane() -> None:
-    low = mount_height(side().T_object_hand, cylinder())
+    low = mount_height(HAND, side().T_object_hand, cylinder())
     T = side().T_object_hand.copy()
     T[2, 3] += 0.05
-    assert mount_height(T, cylinder()) == pytest.approx(low + 0.05)
+    assert mount_height(HAND, T, cylinder()) == pytest.approx(low + 0.05)
     # Hand y is up: the mount's box is 34 mm thick there at most, its lowest corner is found from its own description.
     flange_axis = transform_points(inverse_pose(HAND.mount.T_link7_hand), np.array([[0.0, 0.0, 0.107]]))[0]
     over_plane = transform_points(side().T_object_hand, flange_axis[None])[0, 2] - cylinder().bottom

@@ -48,7 +48,8 @@ def test_who_uses_the_hand_depends_on_the_description_of_the_chosen_one(stage):
 @pytest.mark.parametrize("room", sorted({*ROOMS} - READ_EVERYTHING))
 def test_a_stage_reads_no_parameter_but_its_sections(room):
     """Each function reads params.yaml once, and gets its own sections; pairs follow from sections, too."""
-    allowed = {"load_parameters", "load_with_workers", "chosen_pairs"}
+    chosen = {"chosen_pairs", "chosen_sequences"}
+    allowed = {"load_parameters", "load_with_workers", *chosen}
     for source in files_of(room):
         tree = ast.parse(source.read_text())
         for node in ast.walk(tree):
@@ -56,7 +57,7 @@ def test_a_stage_reads_no_parameter_but_its_sections(room):
                 assert {alias.name for alias in node.names} <= allowed, source
         for function in (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)):
             called = [node for node in ast.walk(function) if isinstance(node, ast.Call)]
-            reads = [call for call in called if getattr(call.func, "id", "") in allowed - {"chosen_pairs"}]
+            reads = [call for call in called if getattr(call.func, "id", "") in allowed - chosen]
             assert len(reads) <= 1, f"{source}: {function.name} reads params.yaml {len(reads)} times"
             for call in reads:
                 argument = call.args[0]

@@ -347,7 +347,7 @@ def captured(workplace: Path, objects) -> Path:
     """A reconstruction of three objects: the pair as it stands in trials, 2 mm too high, and a second cube."""
     middle = pose_matrix([0.5, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
     shown = {}
-    for prepared, T in zip(objects, placed(objects, SETTINGS, np.zeros((2, 3))), strict=True):
+    for prepared, T in zip(objects, placed(PAIR, objects, SETTINGS, np.zeros((2, 3))), strict=True):
         T_scene = np.linalg.inv(middle) @ T
         T_scene[2, 3] = 0.002 - prepared.bottom
         shown[prepared.name] = as_photos_show(prepared, T_scene)

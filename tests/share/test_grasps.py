@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from pipeline.records.errors import UserError
-from pipeline.records.flat import PAIR_GRASPS
+from pipeline.records.flat import PAIR_GRASPS, read_flat
 from pipeline.share import GRASP_COLUMNS, load_grasps
 from tests.pairs import write_pairs
 from tests.share.made_up import PARAMETERS, merged, write_tables
@@ -38,7 +38,7 @@ def test_accepted_grasps_of_all_pairs_with_the_documented_columns(folder):
 
 
 def test_values_are_those_of_the_tables(folder):
-    rows = pd.read_parquet(folder / "data/merge/plum.parquet")
+    rows = read_flat(folder / "data/merge/plum.parquet", PAIR_GRASPS, "merge")
     loaded = load_grasps(folder, first="plum", only_accepted=False)
     pd.testing.assert_frame_equal(loaded.drop(columns="source"), rows)
 

@@ -12,6 +12,8 @@ import trimesh
 import yaml
 
 from pipeline.hand.model import load_hand
+from pipeline.records import paths
+from pipeline.records.flat import PAIR_GRASPS, read_flat
 from pipeline.records.objects import write_mesh
 from pipeline.share import export
 from pipeline.share.released import released_contact_indices
@@ -82,7 +84,7 @@ def test_pairs_have_the_schema_and_are_divided_by_their_contacts(folder, capsys)
 
 def test_a_mesh_with_y_up_is_placed_where_the_grasp_has_the_object(folder):
     run("pairs.h5", "--no-contacts", "--meshes", "meshes")
-    rows = pd.concat([pd.read_parquet(f"data/merge/{name}.parquet") for name in STYLES["pinch"]])
+    rows = pd.concat([read_flat(paths.merged_file(name), PAIR_GRASPS, "merge") for name in STYLES["pinch"]])
     rows = rows[rows["rejected_by"] == ""].reset_index()
     upright = trimesh.load_mesh("meshes/plum.stl", process=False).triangles_center
     lying = trimesh.load_mesh("meshes/plum.obj", process=False)
@@ -100,7 +102,7 @@ def test_a_mesh_with_y_up_is_placed_where_the_grasp_has_the_object(folder):
 
 def test_a_pair_keeps_what_its_single_grasps_were(folder):
     run("pairs.h5", "--first", "plum")
-    rows = pd.read_parquet("data/merge/plum.parquet")
+    rows = read_flat(paths.merged_file("plum"), PAIR_GRASPS, "merge")
     rows = rows[rows["rejected_by"] == ""]
     single = pd.read_parquet("data/validate/pinch/plum.parquet").set_index("grasp_id")
     hand = load_hand("allegro")
