@@ -89,7 +89,7 @@ def trials_of(lever: Lever, pair: Pair, parameters: Parameters, trials: int, set
     physics = {**(harder.physics if harder else {}), **lever.physics}
     table = rows_of(read_table(paths.merged_file(pair[0]), MERGED, "merge"), pair)
     hand = load_hand("allegro")
-    grasps = accepted_grasps(table, hand, groups_of(parameters.picks))
+    grasps = accepted_grasps(table, hand, groups_of(hand, parameters.picks))
     if lever.choose:
         passed = table[table["rejected_by"] == ""]
         order = passed.loc[lever.choose(passed).sort_values(kind="stable").index, "merged_id"]

@@ -12,8 +12,8 @@ from collections.abc import Iterable
 from pipeline.evaluate.inputs import inputs_of, sections, sequences_of, trial_digests
 from pipeline.records import paths
 from pipeline.records.digests import digest, hand_digest
+from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters import load_with_workers
-from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.sources import SOURCES
 from pipeline.records.tables import TRIALS
 from pipeline.stages.code import own_fingerprint

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 from pipeline.evaluate.inputs import inputs_of, trial_digests
 from pipeline.records import paths
 from pipeline.records.digests import digest, hand_digest
+from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters import load_with_workers
-from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.parameters.harder import HarderSetting, overridden
 from pipeline.records.parameters.names import require_name
 from pipeline.records.tables import TRIALS

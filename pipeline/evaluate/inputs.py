@@ -54,7 +54,7 @@ def grasps_of(source: str, objects: Sequence[str], parameters: dict[str, Any], h
     synthesized = source == "synthesized"
     table = paths.merged_file(objects[0]) if synthesized else paths.sampled_file(source, objects[0])
     rows = rows_of(kept_table(table, MERGED, "merge" if synthesized else f"sample@{source}"), objects)
-    grasps = accepted_grasps(rows, hand, groups_of(parameters["picks"]))
+    grasps = accepted_grasps(rows, hand, groups_of(hand, parameters["picks"]))
     if source != paths.RECONSTRUCTED:
         return grasps
     capture = parameters["reconstructed"][objects[0]].capture

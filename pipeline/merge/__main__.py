@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
 from pipeline.records.digests import digest, file_digest, hand_digest, prepared_digest
+from pipeline.records.hands import ALLEGRO
 from pipeline.records.objects import load_prepared_object
 from pipeline.records.parameters import chosen_sequences, load_with_workers
-from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.tables import MERGED, VALIDATED, read_table
 from pipeline.stages.code import own_fingerprint
 from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
@@ -56,7 +56,8 @@ def merge(only: str) -> None:
     from pipeline.pairing.task import groups_of, task_of
 
     settings, checks = parameters["merge"], [parameters[name] for name in ("merge", "physics", "validate")]
-    hand, groups = load_hand(ALLEGRO), groups_of(picks)
+    hand = load_hand(ALLEGRO)
+    groups = groups_of(hand, picks)
     tables = Tables(paths.merged_file("").parent, MERGED, ("objects",))
     stage = Stage("merge", "pairs", tables)
 

@@ -14,9 +14,6 @@ from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.picks import PickParameters
 from pipeline.records.parameters.validate import ValidateParameters
 
-# Parts of the hand that belong to an object held in a style, where a pick does not name them.
-STYLE_PARTS = {"pinch": ("thumb", "index", "middle"), "side": ("ring", "palm")}
-
 
 @dataclass(frozen=True)
 class Task:
@@ -50,9 +47,9 @@ def task_of(
 ) -> Task:
     """Return the task of picking ``objects`` as ``picks`` say."""
     supports = tuple(support_of(pick) for pick in picks)
-    return Task(hand, tuple(objects), groups_of(picks), supports, merge, physics, validate)
+    return Task(hand, tuple(objects), groups_of(hand, picks), supports, merge, physics, validate)
 
 
-def groups_of(picks: Sequence[PickParameters]) -> Groups:
-    """Return the parts of the hand that belong to each object."""
-    return tuple(tuple(pick.fingers or STYLE_PARTS[pick.style]) for pick in picks)
+def groups_of(hand: Hand, picks: Sequence[PickParameters]) -> Groups:
+    """Return the parts of the hand that belong to each object: those that its pick names, or those of its style."""
+    return tuple(tuple(pick.fingers or hand.style(pick.style).fingers) for pick in picks)

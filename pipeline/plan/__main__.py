@@ -22,8 +22,8 @@ import numpy as np
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
+from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters import load_parameters
-from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.records.poses import pose_matrix, transform_points
 from pipeline.records.sources import OF_ALL_PAIRS, SOURCES
 from pipeline.stages.running import command
@@ -184,7 +184,7 @@ def _grasp(choice: Choice, hand: Hand, picks: Sequence[PickParameters]) -> tuple
                 f"grasp {choice.merged_id} of {source} was refused ({own['rejected_by'].iloc[0]}); choose another."
             )
     row = {str(name): value for name, value in own.iloc[0].items()}
-    return grasp_from_row(row, hand, groups_of(picks)), names
+    return grasp_from_row(row, hand, groups_of(hand, picks)), names
 
 
 def _second(choice: Choice, seconds: list[str]) -> str:

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline.hand.model import load_hand
+from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters import read_parameters
-from pipeline.records.parameters.hand import ALLEGRO
 from pipeline.replay.recording import About, Recorder, Recording, read_recording, write_recording
 from pipeline.replay.rerun import EXAMPLE, TrialName, differences, drawn_trials, known_trials, run_again, trial_name
 from pipeline.replay.video import FORMATS, RENDERERS, Film, write_video

@@ -200,4 +200,4 @@ def in_frames_of_files(table: pd.DataFrame, centres: Sequence[NDArray[np.float64
     for number, centre in enumerate(centres):
         T = pose_matrix(positions[:, number], quaternions[:, number])
         positions[:, number] = T[:, :3, 3] - T[:, :3, :3] @ centre
-    return table.assign(positions_hand_object=list(positions))
+    return table.assign(positions_hand_object=[list(own) for own in positions])

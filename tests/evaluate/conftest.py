@@ -22,7 +22,7 @@ from pipeline.records.parameters.physics import PhysicsParameters
 from tests.pairs import PAIR
 
 HAND = load_hand("allegro")
-GROUPS = groups_of(PAIR)
+GROUPS = groups_of(HAND, PAIR)
 
 
 def prepared(name: str, mesh: trimesh.Trimesh, density: float = 500.0) -> PreparedObject:

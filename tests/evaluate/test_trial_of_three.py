@@ -47,7 +47,7 @@ def inputs() -> TrialInput:
         prepared("tin", trimesh.creation.cylinder(0.02, 0.036, sections=64)),
     )
     row = json.loads((Path(__file__).parent / "grasp_of_three.json").read_text())
-    grasp = grasp_from_row(row, HAND, groups_of(PICKS))
+    grasp = grasp_from_row(row, HAND, groups_of(HAND, PICKS))
     inputs = trial_inputs("synthesized", HAND, PICKS, shapes, [grasp], SETTINGS, PhysicsParameters(), 1)[0]
     # Placement errors with which this one grasp holds; with others an object may slip.
     return replace(inputs, seed=item_seed(1, "several", "cube", "puck", "tin", 0))

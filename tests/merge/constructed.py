@@ -19,7 +19,7 @@ from pipeline.records.poses import inverse_pose
 from tests.pairs import PAIR
 
 HAND = load_hand("allegro")
-GROUPS = groups_of(PAIR)
+GROUPS = groups_of(HAND, PAIR)
 RING_JOINTS = finger_joints(["ring"], HAND)
 TIP_RADIUS = float(HAND.sphere_radius[list(HAND.sphere_link).index(HAND.link("link_3.0_tip"))])  # m
 

@@ -30,7 +30,7 @@ def test_second_approach_sweeps_through_nothing() -> None:
     links, samples = hand_surface(3000, HAND)
     in_hand = points_on_links(link_poses(HAND, approach.open_q[None]), links, samples)[0]
     held = transform_points(grasp.T_hand_object[0], box().surface_points)
-    points = transform_points(grasp.singles[1].T_object_hand, np.concatenate([in_hand, mount_surface(500), held]))
+    points = transform_points(grasp.singles[1].T_object_hand, np.concatenate([in_hand, mount_surface(HAND, 500), held]))
     for offset in np.arange(0.0, approach.length, 0.002):
         moved = points + offset * approach.direction
         assert in_cylinder(moved).max() < 0.002  # other sample points than the selector's, twice its tolerance

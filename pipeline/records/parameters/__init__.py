@@ -146,6 +146,13 @@ class Parameters(Section):
             hand = read_description(description_file(self.hand))
         except UserError as error:
             raise ValueError(f"hand: {str(error).removesuffix('.')}") from error
+        for number, pick in enumerate(self.picks):
+            for finger in pick.fingers or ():
+                if finger not in hand.fingers:
+                    raise ValueError(
+                        f"picks.{number}.fingers: {finger!r} is not a finger of the hand {self.hand}; use "
+                        f"{', '.join(hand.fingers)}"
+                    )
         for name in ("pinch", "side"):
             style: StyleParameters = getattr(self.synthesize, name)
             where = f"synthesize.{name}"

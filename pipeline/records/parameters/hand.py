@@ -15,7 +15,6 @@ import yaml
 from pydantic import Field, ValidationError, model_validator
 
 from pipeline.records.errors import UserError, first_mistake
-from pipeline.records.hands import ALLEGRO as ALLEGRO  # until merge and evaluate import it from there
 from pipeline.records.parameters.section import Section
 
 PALM = "palm"

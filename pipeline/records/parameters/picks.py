@@ -10,7 +10,7 @@ from pydantic import Field
 
 from pipeline.records.ordinals import ORDINALS
 from pipeline.records.parameters.section import Section
-from pipeline.records.parameters.synthesize import Finger, StyleParameters
+from pipeline.records.parameters.synthesize import StyleParameters
 
 
 class PostParameters(Section):
@@ -35,7 +35,7 @@ class PickParameters(Section):
     objects: list[str] | None = Field(
         None, description="Objects that are picked so; null: all of the style. Needed where two picks have one style."
     )
-    fingers: list[Finger] | None = Field(
+    fingers: list[str] | None = Field(
         None,
         min_length=2,
         description="Parts of the hand that hold the object, all of them; those of later picks are straight meanwhile. "

@@ -8,8 +8,6 @@ from pydantic import Field, model_validator
 
 from pipeline.records.parameters.section import Section
 
-Finger = Literal["thumb", "index", "middle", "ring", "palm"]
-
 
 class EnergyParameters(Section):
     """Weights of the energy's terms (E_fc, E_dis, E_pen + E_table, E_spen, E_joints, offset), and limits on them."""
