@@ -64,7 +64,7 @@ def test_a_pair_changes_nothing_of_its_styles(repository: Path, monkeypatch) -> 
     ("words", "changes"),
     [
         ("the middle finger is named twice", [(2, "fingers", ["middle", "palm"])]),
-        ("the thumb cannot wait", [(0, "fingers", ["index", "palm"]), (1, "fingers", ["thumb", "palm"])]),
+        ("thumb has no straight posture", [(0, "fingers", ["index", "palm"]), (1, "fingers", ["thumb", "palm"])]),
         ("name the fingers of every pick, or of none", [(1, "fingers", None)]),
         ("held against the palm", [(0, "fingers", ["thumb", "palm"]), (1, "fingers", ["middle", "index"])]),
         ("tin is already in picks.1", [(1, "objects", None)]),

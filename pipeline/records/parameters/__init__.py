@@ -153,6 +153,12 @@ class Parameters(Section):
                         f"picks.{number}.fingers: {finger!r} is not a finger of the hand {self.hand}; use "
                         f"{', '.join(hand.fingers)}"
                     )
+                described = hand.fingers[finger]
+                if number and described.joints and described.straight is None:
+                    raise ValueError(
+                        f"picks.{number}.fingers: {finger} has no straight posture in which to wait; name it in the "
+                        "first pick"
+                    )
         for name in ("pinch", "side"):
             style: StyleParameters = getattr(self.synthesize, name)
             where = f"synthesize.{name}"

@@ -67,8 +67,6 @@ def check_picks(picks: Sequence[PickParameters], styles: Mapping[str, Sequence[s
     twice = [finger for finger, count in fingers.items() if count > 1]
     if twice:
         raise ValueError(f"picks: the {twice[0]} finger is named twice; only the palm may press on several objects")
-    if any("thumb" in (pick.fingers or ()) for pick in picks[1:]):
-        raise ValueError("picks: the thumb cannot wait for a later pick; name it in the first one")
     if len({pick.fingers is None for pick in picks}) > 1:
         raise ValueError("picks: name the fingers of every pick, or of none")
     owners: dict[tuple[str, str], int] = {}
