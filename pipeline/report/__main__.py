@@ -114,7 +114,7 @@ def card_content(parameters: Parameters, counts: Counts) -> CardContent:
     Raises:
         UserError: a file is missing or damaged.
     """
-    from pipeline.records.flat import PAIR_GRASPS
+    from pipeline.records.tables import MERGED
     from pipeline.report.dataset_card import CardContent
     from pipeline.report.diversity import diversity, read_validated
     from pipeline.report.objects import read_facts
@@ -136,7 +136,7 @@ def card_content(parameters: Parameters, counts: Counts) -> CardContent:
         objects=[
             read_facts(name) for name in sorted({name for one in counts.merges for name in (one.first, one.second)})
         ],
-        columns=PAIR_GRASPS,
+        columns=MERGED,
         versions=installed_versions(),
         settings=all_settings(parameters),
     )

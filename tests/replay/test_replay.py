@@ -180,7 +180,7 @@ def alter(change: str, grasp_row: dict) -> None:
 @pytest.mark.parametrize(
     ("change", "arguments", "sentence"),
     [
-        ("", ["cube/slender_cylinder/1"], "'cube/slender_cylinder/1' names no trial; write source, both objects"),
+        ("", ["cube/slender_cylinder/1"], "'cube/slender_cylinder/1' names no trial; write source, all objects"),
         ("", ["taken/cube/slender_cylinder/1"], "there is no source 'taken'; use one of learned, reconstructed,"),
         ("", ["synthesized/cube/duck/1"], "has no trials of cube and duck; its second objects are slender_cylinder"),
         ("", ["synthesized/cube/slender_cylinder/2"], "has no trial 2 of this pair; its trials are 0 to 1"),
