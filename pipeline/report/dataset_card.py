@@ -31,8 +31,9 @@ import numpy as np, pandas as pd
 
 tried = pd.concat(map(pd.read_parquet, sorted(Path("data/merge").glob("*.parquet"))), ignore_index=True)
 grasps = tried[tried["rejected_by"] == ""]
-print(grasps.groupby(["object0", "object1"]).size().unstack())
-q = np.stack(grasps["q"])  # (grasps, 16) rad; poses: position_hand_object0, quaternion_hand_object0 (w, x, y, z), ...
+first, second = np.stack(grasps["objects"]).T
+print(pd.crosstab(first, second))
+q = np.stack(grasps["q"])  # (grasps, 16) rad; poses of both objects: positions_hand_object, quaternions_hand_object
 """
 
 

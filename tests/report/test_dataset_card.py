@@ -12,6 +12,7 @@ import pytest
 from pipeline.hand.model import load_hand
 from pipeline.records import paths
 from pipeline.records.flat import PAIR_GRASPS
+from pipeline.records.tables import MERGED
 from pipeline.report.counting import PairCounts, Single, pair_counts
 from pipeline.report.dataset_card import CardContent, dataset_card, description_of, parameters_digest, type_name
 from pipeline.report.diversity import compass_sectors, diversity, pair_diversity, used_grasps
@@ -62,7 +63,7 @@ def content(counts) -> CardContent:
         uses=[uses(one) for one in counts],
         distinct_distance=0.003,
         objects=[OBJECT],
-        columns=PAIR_GRASPS,
+        columns=MERGED,
         versions={"python": "3.11", "sapien": "3"},
         settings={"run": [("scale", "tiny", ""), ("seed", "3", "")]},
     )
@@ -97,12 +98,11 @@ def test_the_card_is_well_formed_and_the_same_each_time(content):
 
 def test_every_column_is_described_with_its_type(content):
     card = dataset_card(content)
-    for field in PAIR_GRASPS:
+    for field in MERGED:
         assert description_of(field), field.name
         assert f"| `{field.name}` | `{type_name(field.type)}` | {description_of(field)} |" in card
     assert (
-        type_name(PAIR_GRASPS.field("q").type) == "double[16]"
-        and type_name(PAIR_GRASPS.field("open_q1").type) == "double[]"
+        type_name(MERGED.field("q").type) == "double[16]" and type_name(MERGED.field("open_q").type) == "double[16][]"
     )
 
 

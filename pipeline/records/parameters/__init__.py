@@ -300,7 +300,7 @@ def read_parameters(source: Path = paths.PARAMETERS_FILE) -> Parameters:
         return Parameters.model_validate(content)
     except ValidationError as error:
         more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
-        raise UserError(f"{source}: {first_mistake(error)}; correct it there{more}.") from error
+        raise UserError(f"{source}: {first_mistake(error)}{more}.") from error
 
 
 def load_parameters(sections: Collection[str], source: Path = paths.PARAMETERS_FILE) -> dict[str, Any]:

@@ -306,4 +306,4 @@ def read_description(file: Path) -> HandDescription:
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise UserError(f"{file} is not valid YAML: {' '.join(str(error).split())}; correct it there.") from error
     except ValidationError as error:
-        raise UserError(f"{file}: {first_mistake(error, 'field')}; correct it there.") from error
+        raise UserError(f"{file}: {first_mistake(error, 'field')}.") from error
