@@ -162,18 +162,8 @@ def train(
         begin, history = _resume(state_file, identity, model, average, optimizer)
         losses: list[float] = []
         for step in watched(range(begin, optimization.steps), optimization.steps - begin, "training"):
-            for group in optimizer.param_groups:
-                group["lr"] = learning_rate(step, optimization)
             loss = loss_of(model, source.batch(step), pairs, settings)
-            optimizer.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
-            if optimization.gradient_clip is not None:
-                torch.nn.utils.clip_grad_norm_(model.parameters(), optimization.gradient_clip)
-            optimizer.step()
-            # Early on the average follows quickly, or it would remember the random start.
-            decay = min(optimization.ema_decay, (step + 1) / (step + 10))
-            for slow, fast in zip(average.parameters(), model.parameters(), strict=True):
-                slow.lerp_(fast.detach(), 1 - decay)
+            _descend(model, average, optimizer, loss, step, optimization)
             losses.append(loss.item())
             if (step + 1) % optimization.record_every == 0 or step + 1 == optimization.steps:
                 point = {
@@ -200,6 +190,28 @@ def train(
         weights=weights,
     )
     return checkpoint, history
+
+
+def _descend(
+    model: GraspModel,
+    average: GraspModel,
+    optimizer: torch.optim.Optimizer,
+    loss: Tensor,
+    step: int,
+    optimization: OptimizationParameters,
+) -> None:
+    """Take one step down the loss, and let the average of the weights follow."""
+    for group in optimizer.param_groups:
+        group["lr"] = learning_rate(step, optimization)
+    optimizer.zero_grad()
+    loss.backward()  # type: ignore[no-untyped-call]
+    if optimization.gradient_clip is not None:
+        torch.nn.utils.clip_grad_norm_(model.parameters(), optimization.gradient_clip)
+    optimizer.step()
+    # Early on the average follows quickly, or it would remember the random start.
+    decay = min(optimization.ema_decay, (step + 1) / (step + 10))
+    for slow, fast in zip(average.parameters(), model.parameters(), strict=True):
+        slow.lerp_(fast.detach(), 1 - decay)
 
 
 @torch.no_grad()

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.hand.contacts import distance_to_shapes
 from pipeline.hand.kinematics import link_poses, point_jacobian
-from pipeline.hand.model import Hand, distance_to_shapes, hand_of_file, load_hand
+from pipeline.hand.model import Hand, hand_of_file, load_hand
 from pipeline.hand.moves import finger_joints, move_points, straight
 from pipeline.hand.surface import hand_surface
 from pipeline.records.errors import UserError
