@@ -46,6 +46,9 @@ def described(name: str, value: Any, meaning: str = "") -> Iterator[Row]:
     elif isinstance(value, Mapping) and value:
         for key, item in value.items():
             yield from described(f"{name}.{key}", item, meaning)
+    elif isinstance(value, tuple) and any(isinstance(item, BaseModel) for item in value):
+        for number, item in enumerate(value):
+            yield from described(f"{name}.{number}", item, meaning)
     else:
         yield name, value if isinstance(value, str) else json.dumps(value) if value != {} else "none", meaning
 

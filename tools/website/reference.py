@@ -102,7 +102,7 @@ def _models(annotation: Any) -> list[tuple[str, type[BaseModel]]]:
     """Return the sections inside a type, with what stands between its name and theirs."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [("", annotation)]
-    between = {dict: ".<name>", list: "[]"}.get(get_origin(annotation), "")
+    between = {dict: ".<name>", list: "[]", tuple: "[]"}.get(get_origin(annotation), "")
     return [(between + path, model) for part in get_args(annotation) for path, model in _models(part)]
 
 
