@@ -51,9 +51,7 @@ def grasps_of(source: str, objects: Sequence[str], parameters: dict[str, Any], h
     from pipeline.records.kept import kept_object, kept_table
     from pipeline.records.tables import MERGED, rows_of
 
-    synthesized = source == "synthesized"
-    table = paths.merged_file(objects[0]) if synthesized else paths.sampled_file(source, objects[0])
-    rows = rows_of(kept_table(table, MERGED, "merge" if synthesized else f"sample@{source}"), objects)
+    rows = rows_of(kept_table(SOURCES[source].table(objects[0]), MERGED, SOURCES[source].stage), objects)
     grasps = accepted_grasps(rows, hand, groups_of(hand, parameters["picks"]))
     if source != paths.RECONSTRUCTED:
         return grasps

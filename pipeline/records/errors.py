@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pydantic import ValidationError
-    from pydantic_core import ErrorDetails
 
 
 class UserError(Exception):
@@ -23,9 +23,9 @@ def first_mistake(error: ValidationError, kind: str = "parameter") -> str:
     where = ".".join(str(part) for part in first["loc"])
     unknown = first["type"] == "extra_forbidden"
     text = f"unknown {kind} (misspelt?)" if unknown else first["msg"].removeprefix("Value error, ")
-    return (f"{where}: {text}" if where else text) + ("" if _says_how(first) else "; correct it there")
+    return (f"{where}: {text}" if where else text) + ("" if _says_how(dict(first)) else "; correct it there")
 
 
-def _says_how(mistake: ErrorDetails) -> bool:
+def _says_how(mistake: Mapping[str, Any]) -> bool:
     """Return whether a mistake is one of our own validators', whose sentences end with how to fix it."""
     return mistake["type"] == "value_error"

@@ -20,6 +20,7 @@ from pipeline.physics.table_pick import DROP_DISTANCE, pick_from_support
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
+from pipeline.validate.checks import table_failure
 from tests.physics.test_holding import HAND, clamped_block
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -142,11 +143,11 @@ def test_the_tabletop_test_in_another_engine(in_point_world) -> None:
     q, squeeze_q, held = clamped_block()
     approach = Approach(q, np.array([0.0, 0.0, 1.0]), 0.05, penetrations=0, clearance=0.0)
     grasp, limits = HeldGrasp((held,), q, squeeze_q, HAND), ValidateParameters()
-    for holder, drift, failure in ((held.assigned_links[0], 0.0, ""), ("", DROP_DISTANCE, "drop")):
+    for holder, drift, failure in ((held.assigned_links[0], 0.0, ""), ("", DROP_DISTANCE, "table:drop")):
         in_point_world(holder)
         pick = pick_from_support(SETTINGS, limits, grasp, np.eye(4), approach)
         assert pick.push == pytest.approx(0, abs=1e-6) and not pick.touched_support
-        assert pick.drift == pytest.approx(drift) and pick.failure(limits) == failure
+        assert pick.drift == pytest.approx(drift) and table_failure(pick, limits) == failure
 
 
 def imports(path: Path) -> set[str]:

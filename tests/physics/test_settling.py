@@ -26,7 +26,7 @@ def test_squeezed_box_stays_between_the_tips() -> None:
     assert 0 < shift < 0.02
     for finger in ("thumb", "index"):
         links = holding_links(HAND, (finger,))
-        distance = hand_object_clearance(posed_hand(held_q), links, box(), T_hand_held0)
+        distance = hand_object_clearance(posed_hand(HAND, held_q), links, box(), T_hand_held0)
         assert abs(distance) < 0.002  # still touching, and the solver keeps bodies apart
     np.testing.assert_allclose(held_q[RING], straight(["ring"], HAND), atol=0.01)
 

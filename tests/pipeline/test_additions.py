@@ -40,14 +40,15 @@ from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.report.meanings import VALIDATION, meaning_of
 from pipeline.view.facts import grasp_facts
-from tests.validate.test_validation import block_grasp, rows
+from pipeline.hand.support import PLANE
+from tests.validate.test_validation import HAND, block_grasp, rows
 from pipeline.validate.table import validate_table
 from pipeline.records.tables import VALIDATED, read_table, write_table
 from pathlib import Path
 
 prepared, candidate = block_grasp()
 candidates = rows(prepared, candidate, ["force_closure", ""])
-found = validate_table(candidates, prepared, PhysicsParameters(), ValidateParameters(), 1, "test")
+found = validate_table(candidates, prepared, PhysicsParameters(), ValidateParameters(), 1, "test", PLANE, HAND)
 write_table(Path("validated.parquet"), found, VALIDATED)
 refused, tested = read_table(Path("validated.parquet"), VALIDATED, "test").to_dict("records")
 assert refused["rejected_by"] == "force_closure" and refused["height"] != refused["height"]
@@ -86,17 +87,20 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.evaluate.inputs import grasps_of_pair, sections
+from pipeline.evaluate.inputs import grasps_of as trial_grasps
+from pipeline.evaluate.inputs import sections
+from pipeline.hand.model import load_hand
+from pipeline.records.flat import PAIR_GRASPS
 from pipeline.records.parameters import read_parameters
 from pipeline.records.parameters.harder import HarderSetting
-from pipeline.records.tables import MERGED, write_table
 from pipeline.replay.rerun import TrialName, trial_name
 from pipeline.report.counting import firsts_of, grasps_of
-from pipeline.report.page import SOURCE_TITLES
+from pipeline.report.wording import SOURCE_TITLES
 from pipeline.share import GRASP_COLUMNS, load_grasps
 from pipeline.view.rows import tidy_name, view_of
 from pipeline.view.tables import MERGED_VIEW, known_tables
 from tests.pipeline.declared import declared_stages
+from tests.pairs import write_pairs
 from tests.share.made_up import merged
 from tools.published_tables import STANDARD
 
@@ -107,16 +111,16 @@ for column in ("open_q0", "open_q1"):
     grasps[column] = grasps["q"]
 for column in ("approach_direction0", "approach_direction1"):
     grasps[column] = [[0.0, 0.0, 1.0]] * len(grasps)
-write_table(Path("data/guess/cube.parquet"), grasps, MERGED)
+write_pairs(Path("data/guess/cube.parquet"), grasps, PAIR_GRASPS)
 
-parameters = read_parameters()
-assert len(grasps_of_pair("guessed", "cube", "soup_can", {})) == 4
+parameters, hand = read_parameters(), load_hand("allegro")
+assert len(trial_grasps("guessed", ("cube", "soup_can"), {"picks": parameters.picks}, hand)) == 4
 assert HarderSetting(source="guessed", evaluate={}, physics={}).source == "guessed"
-assert trial_name("guessed/cube/soup_can/3") == TrialName("guessed", "cube", "soup_can", 3)
+assert trial_name("guessed/cube/soup_can/3") == TrialName("guessed", ("cube", "soup_can"), 3)
 assert "`guessed` (guessed)" in GRASP_COLUMNS["source"]
 shared = load_grasps(source="guessed", first="cube", second="soup_can")
 assert shared["source"].tolist() == ["guessed"] * 4
-tables = {table.name: table for table in known_tables(parameters)}
+tables = {table.name: table for table in known_tables(parameters, hand)}
 assert tables["guess/cube"].stage == "guess" and tables["evaluate/guessed/cube"].stage == "evaluate@guessed"
 assert view_of("guess/cube/soup_can/3") == MERGED_VIEW
 assert tidy_name("guessed/cube/soup_can/3") == "evaluate/guessed/cube/soup_can/3"

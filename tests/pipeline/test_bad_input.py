@@ -22,7 +22,7 @@ COMMANDS = {  # by hand, as a run of all items reads more
     "validate": ("--style", "side", "--object", "soup_can"),
     "merge": ("--object", "cube"),
     "train": (),
-    "train.sample": ("--source", "learned", "--object", "cube"),
+    "sample": ("--source", "learned", "--object", "cube"),
     "evaluate": ("--source", "synthesized", "--object", "cube"),
     "evaluate.harder": ("--setting", "placement"),
     "capture": ("--name", "demo"),
@@ -141,7 +141,7 @@ def test_a_style_that_names_an_unknown_object_stops_every_stage(sandbox, run):
     content = sandbox.parameters()
     content["styles"]["side"].append("dragon")
     sandbox.write_parameters(content)
-    assert_one_sentence(run("merge", "--object", "cube"), "styles.side names the unknown object 'dragon'")
+    assert_one_sentence(run("merge", "--object", "cube"), "styles.side lists the unknown object 'dragon'")
 
 
 def test_a_missing_mesh_file_is_named(sandbox, run):

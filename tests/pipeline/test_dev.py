@@ -202,6 +202,7 @@ def packages_of(repository, *rooms: str) -> dict[str, set[str]]:
     files = [path for room in rooms for path in (repository / room).rglob("*.py")]
     own = {
         "pipeline",
+        "seqgrasp",
         "tools",
         "tests",
         "benchmarks",

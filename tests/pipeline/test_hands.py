@@ -85,7 +85,7 @@ def test_single_grasps_do_not_need_the_allegro(with_dclaw):
 
 def test_everything_is_refused_where_it_begins(with_dclaw, capsys):
     assert scales.main(["check", "--everything"]) == 2
-    assert capsys.readouterr().err.startswith("params.yaml: hand is dclaw")
+    assert capsys.readouterr().err.startswith("scales: params.yaml: hand is dclaw")
 
 
 @pytest.mark.parametrize(
