@@ -9,6 +9,7 @@ from pipeline.records import paths
 from pipeline.records.digests import digest, prepared_digest
 from pipeline.records.parameters import chosen_sequences
 from pipeline.records.parameters.names import require_name
+from pipeline.records.sources import SOURCES
 
 if TYPE_CHECKING:
     from pipeline.evaluate.grasps import SequenceGrasp
