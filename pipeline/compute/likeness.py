@@ -57,8 +57,10 @@ def _processor() -> str:
     import threadpoolctl
 
     found = np.show_config(mode="dicts")["SIMD Extensions"]["found"]  # type: ignore[index]
-    blas = {each["architecture"] for each in threadpoolctl.threadpool_info() if each["internal_api"] == "openblas"}
-    return "+".join([*sorted(blas), *found])
+    loaded = [each for each in threadpoolctl.threadpool_info() if each["internal_api"] == "openblas"]
+    # Other packages bring a BLAS of their own, which one process may have loaded and the other not yet.
+    own = [each for each in loaded if "numpy.libs" in Path(each["filepath"]).parts] or loaded
+    return "+".join([*sorted({each["architecture"] for each in own}), *found])
 
 
 @lru_cache(maxsize=1)
