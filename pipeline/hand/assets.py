@@ -20,11 +20,6 @@ def robot_assets() -> Path:
     return Path(spec.submodule_search_locations[0]) / "assets" / "robots"
 
 
-def allegro_description() -> Path:
-    """URDF of the right Allegro hand, with visual meshes beside it."""
-    return robot_assets() / "allegro" / "allegro_hand_right_glb.urdf"
-
-
 def panda_description() -> Path:
     """URDF of the Panda arm with stock joint limits, with its meshes beside it."""
     return robot_assets() / "panda" / "panda_v2.urdf"
