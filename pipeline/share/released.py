@@ -17,6 +17,7 @@ Objects have the names of this project, as the released meshes lie in other fram
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -62,8 +63,6 @@ _SINGLE = pa.schema(
 
 def six_numbers(T: ArrayLike) -> NDArray[np.float32]:
     """Return translation and extrinsic xyz angles (n, 6) of poses (n, 4, 4)."""
-    import warnings
-
     from scipy.spatial.transform import Rotation
 
     T = np.asarray(T, np.float64)
