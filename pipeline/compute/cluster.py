@@ -15,6 +15,7 @@ import sys
 import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, lru_cache, partial
@@ -178,7 +179,6 @@ class _Prepared:
 
 @contextmanager
 def _scheduler_there() -> Iterator[None]:
-    from concurrent.futures import CancelledError
 
     from distributed.comm import CommClosedError
 

@@ -60,29 +60,6 @@ def worker_count(workers: int) -> int:
     return workers if workers > 0 else len(os.sched_getaffinity(0))
 
 
-def executor_of(workers: Workers) -> Executor:
-    """Return the executor that ``workers`` asks for.
-
-    Raises:
-        UserError: the cluster cannot be used.
-    """
-    compute = (
-        workers
-        if isinstance(workers, ComputeParameters)
-        else ComputeParameters(backend="processes", address="", workers=workers)
-    )
-    count = worker_count(compute.workers)
-    if compute.backend == "dask":
-        from pipeline.compute.cluster import ClusterExecutor, connection
-
-        return ClusterExecutor(connection(compute.address, count))
-    if count == 1:
-        return OwnProcess()
-    from pipeline.compute.processes import Processes
-
-    return Processes(count)
-
-
 def compute_batch(function: Callable[[Any], Any], arguments: Sequence[Any]) -> tuple[list[Any], float]:
     """Return the results of a batch of calls, and the seconds that they took."""
     begin = time.perf_counter()

@@ -8,6 +8,8 @@ from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
 
+import numpy as np
+
 import pipeline
 
 # Packages that enter results.
@@ -53,7 +55,6 @@ def _processor() -> str:
     They round differently: with ``OPENBLAS_CORETYPE=Nehalem``, or with AVX2 kept from numpy, the bytes of validation
     are others.
     """
-    import numpy as np
     import threadpoolctl
 
     found = np.show_config(mode="dicts")["SIMD Extensions"]["found"]  # type: ignore[index]

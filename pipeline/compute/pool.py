@@ -9,9 +9,12 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Generic, TypeVar
 
-from pipeline.compute.executor import Executor, Workers, executor_of
+from pipeline.compute.cluster import ClusterExecutor, connection
+from pipeline.compute.executor import Executor, OwnProcess, Workers, worker_count
 from pipeline.compute.losses import Losses, WorkersLost
+from pipeline.compute.processes import Processes
 from pipeline.compute.progress import Bar
+from pipeline.records.parameters.compute import ComputeParameters
 
 Result = TypeVar("Result")
 
@@ -61,7 +64,7 @@ def run_all(
         Exception: whatever an item, one of its calls or ``done`` raised first; nothing goes on after that.
     """
     if works:
-        run_on(executor_of(workers), works, label, done)
+        run_on(_executor_of(workers), works, label, done)
 
 
 def run_one(work: Work[Result], workers: Workers, label: str) -> Result:
@@ -261,3 +264,20 @@ def _same(one: Callable[[Any], Any], other: Callable[[Any], Any]) -> bool:
     given = [(*each.args, *each.keywords.values()) for each in (one, other)]
     same = len(given[0]) == len(given[1]) and all(a is b for a, b in zip(*given, strict=True))
     return one.func is other.func and one.keywords.keys() == other.keywords.keys() and same
+
+
+def _executor_of(workers: Workers) -> Executor:
+    """Return the executor that ``workers`` asks for.
+
+    Raises:
+        UserError: the cluster cannot be used.
+    """
+    compute = (
+        workers
+        if isinstance(workers, ComputeParameters)
+        else ComputeParameters(backend="processes", address="", workers=workers)
+    )
+    count = worker_count(compute.workers)
+    if compute.backend == "dask":
+        return ClusterExecutor(connection(compute.address, count))
+    return OwnProcess() if count == 1 else Processes(count)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 from pipeline.compute.executor import AHEAD, BATCH_SECONDS, compute_batch
@@ -20,10 +21,8 @@ class Processes:
     sending_seconds = 0.0005
 
     def __init__(self, count: int) -> None:
-        from joblib.externals.loky import get_reusable_executor
-
         self._count = count
-        self._loky = get_reusable_executor(max_workers=count, timeout=IDLE_SECONDS)
+        self._loky = _started(count)
         self._flying: dict[Any, object] = {}  # keys by future
         self._done: queue.SimpleQueue[Any] = queue.SimpleQueue()
 
@@ -37,20 +36,16 @@ class Processes:
 
     def submit(self, key: object, prepared: Callable[[Any], Any], arguments: Sequence[Any]) -> None:
         """See :class:`~pipeline.compute.executor.Executor`."""
-        from joblib.externals.loky import BrokenProcessPool, get_reusable_executor
-
         try:
             future = self._loky.submit(compute_batch, prepared, arguments)
         except BrokenProcessPool:
-            self._loky = get_reusable_executor(max_workers=self._count, timeout=IDLE_SECONDS)
+            self._loky = _started(self._count)
             future = self._loky.submit(compute_batch, prepared, arguments)
         self._flying[future] = key
         future.add_done_callback(self._done.put)
 
     def finished(self) -> tuple[object, list[Any], float]:
         """See :class:`~pipeline.compute.executor.Executor`; a death loses all batches that are not done."""
-        from joblib.externals.loky import BrokenProcessPool
-
         future = self._done.get()
         key = self._flying.pop(future)
         try:
@@ -59,8 +54,6 @@ class Processes:
             raise self._lost(key) from error
 
     def _lost(self, key: object) -> WorkersLost:
-        from joblib.externals.loky import BrokenProcessPool
-
         lost, done = [key], []
         for _ in range(len(self._flying)):
             future = self._done.get()  # all end now
@@ -79,3 +72,10 @@ class Processes:
             time.sleep(0.001)
         self._flying.clear()
         self._loky.shutdown(kill_workers=True)
+
+
+def _started(count: int) -> Any:
+    """Return the processes of this process; loky makes them anew where some have died."""
+    from joblib.externals.loky import get_reusable_executor
+
+    return get_reusable_executor(max_workers=count, timeout=IDLE_SECONDS)

@@ -5,18 +5,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Iterator
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
-if TYPE_CHECKING:
-    from tqdm import tqdm
+from tqdm import tqdm
 
 Item = TypeVar("Item")
 
 
 def watched(items: Iterable[Item], total: int, label: str) -> Iterator[Item]:
     """Yield ``items`` unchanged while a bar named ``label`` shows how many of ``total`` are done."""
-    from tqdm import tqdm
-
     yield from tqdm(items, total=total, desc=label, file=sys.stderr, mininterval=1.0)
 
 
@@ -59,8 +56,6 @@ class Bar:
 
     def _bar(self) -> tqdm[Any]:
         if self._shown is None:
-            from tqdm import tqdm
-
             self._shown = tqdm(
                 total=self._total,
                 desc=self._label,

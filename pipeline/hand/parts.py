@@ -22,20 +22,34 @@ def part_links(fingers: Sequence[str], hand: Hand) -> tuple[str, ...]:
 def part_points(style: str, q: NDArray[np.float64], hand: Hand, count: int = 300) -> NDArray[np.float64]:
     """Return surface points (n, 3), hand frame, of the part that a merged grasp takes from a grasp of this style.
 
-    That is the style's fingers and the palm if it is one of them. A style that makes fingers wait is that of the first
-    object, from whose grasp the whole hand but for those fingers is taken. The same points of the same links for every
-    ``q`` (J,), so that postures can be compared point by point.
+    The fingers that wait in a style are those of the other object; see :func:`joined_points`. The points are the same
+    of the same links for every ``q`` (J,), so that postures can be compared point by point.
 
     Args:
         count: points on the whole hand; ``n`` is the share that lies on the part.
     """
     described = hand.style(style)
+    return joined_points(described.fingers, described.waiting, q, hand, count)
+
+
+def joined_points(
+    fingers: Sequence[str], others: Sequence[str], q: NDArray[np.float64], hand: Hand, count: int = 300
+) -> NDArray[np.float64]:
+    """Return surface points (n, 3), hand frame, of the part that a joined grasp takes from the grasp of one object.
+
+    Where the palm holds the object it is the object's fingers and the palm, else everything but the other fingers.
+
+    Args:
+        fingers: those that hold the object, with the palm if it does.
+        others: those that hold other objects.
+        q: joints (J,) of the grasp, rad.
+        count: points on the whole hand; ``n`` is the share that lies on the part, the same points for every ``q``.
+    """
     links, points = hand_surface(count, hand)
-    own = _on(links, part_links(described.fingers, hand), hand)
-    if described.waiting:
-        own = ~_on(links, part_links(described.waiting, hand), hand)
-    elif PALM in described.fingers:
-        own |= _on(links, hand.finger_links[PALM], hand)
+    if PALM in fingers:
+        own = _on(links, (*part_links(fingers, hand), *hand.finger_links[PALM]), hand)
+    else:
+        own = ~_on(links, part_links(others, hand), hand)
     return points_on_links(link_poses(hand, q[None]), links[own], points[own])[0]
 
 

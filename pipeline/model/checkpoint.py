@@ -15,7 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
 
+from pipeline.model.network import GraspModel
 from pipeline.model.representation import Normalisation
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.train import DenoiserParameters, DiffusionParameters, EncoderParameters
@@ -25,7 +29,6 @@ from pipeline.records.writing import whole_folder, write_json
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from pipeline.model.network import GraspModel
 
 FORMAT = 1  # raised when older checkpoints can no longer be read
 
@@ -44,8 +47,6 @@ class Checkpoint:
 
     def model(self, device: str = "cpu") -> GraspModel:
         """Return the network, ready to predict."""
-        from pipeline.model.network import GraspModel
-
         model = GraspModel(self.encoder, self.denoiser, len(self.normalisation.mean))
         model.load_state_dict(self.weights)
         return model.to(device).eval().requires_grad_(False)
@@ -57,8 +58,6 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint, history: list[dict[st
     Raises:
         UserError: the folder cannot be written to.
     """
-    from safetensors.torch import save_file
-
     config: dict[str, Any] = {
         "format": FORMAT,
         "encoder": checkpoint.encoder.model_dump(),
@@ -85,10 +84,6 @@ def _check(checkpoint: Checkpoint) -> None:
     Raises:
         ValueError: they are not.
     """
-    import torch
-
-    from pipeline.model.network import GraspModel
-
     with torch.device("meta"):
         dimensions = len(checkpoint.normalisation.mean)
         wanted = GraspModel(checkpoint.encoder, checkpoint.denoiser, dimensions).state_dict()
@@ -110,9 +105,6 @@ def read_checkpoint(folder: Path) -> Checkpoint:
     Raises:
         UserError: the folder is missing, damaged, or of another format.
     """
-    from safetensors import SafetensorError
-    from safetensors.torch import load_file
-
     mend = "run `dvc repro train` to make it again"
     try:
         config = parse_json((folder / "model.json").read_text())

@@ -9,15 +9,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.hand.kinematics import link_poses, points_on_links
 from pipeline.hand.model import Hand
 from pipeline.hand.moves import finger_joints, straight
-from pipeline.hand.parts import part_links
-from pipeline.hand.surface import hand_surface
+from pipeline.hand.parts import joined_points
 from pipeline.records.parameters.hand import PALM
 from pipeline.records.poses import inverse_pose, pose_matrix, transform_points
-
-PART_POINTS = 300  # on the whole hand, to tell grasps apart
 
 # Which parts of the hand belong to which object, in the order of picking. Fingers belong to one object; the palm may
 # press on several.
@@ -81,29 +77,6 @@ def validated_grasps(table: pd.DataFrame) -> list[SingleGrasp]:
     ]
 
 
-def _shapes(hand: Hand, grasps: Sequence[SingleGrasp], groups: Groups, number: int) -> NDArray[np.float64]:
-    """Surface points (grasps, n, 3), object frame, of the part of the hand that a joined grasp takes from each.
-
-    The same points of the same links in every grasp. Where the palm holds it is the group's fingers and the palm, else
-    everything but the fingers of the other groups.
-    """
-    links, points = hand_surface(PART_POINTS, hand)
-    others = fingers_of([group for place, group in enumerate(groups) if place != number])
-    chosen = fingers_of([groups[number]]) if PALM in groups[number] else others
-    own = np.isin(links, [hand.link(name) for name in part_links(chosen, hand)])
-    own = (
-        own | np.isin(links, [hand.link(name) for name in hand.finger_links[PALM]]) if PALM in groups[number] else ~own
-    )
-    return np.stack(
-        [
-            transform_points(
-                grasp.T_object_hand, points_on_links(link_poses(hand, grasp.q[None]), links[own], points[own])[0]
-            )
-            for grasp in grasps
-        ]
-    )
-
-
 def distinct_grasps(
     hand: Hand, grasps: list[SingleGrasp], groups: Groups, number: int, distance: float
 ) -> list[SingleGrasp]:
@@ -115,7 +88,13 @@ def distinct_grasps(
     """
     if not grasps:
         return []
-    shapes = _shapes(hand, grasps, groups, number)
+    others = fingers_of([group for place, group in enumerate(groups) if place != number])
+    shapes = np.stack(
+        [
+            transform_points(grasp.T_object_hand, joined_points(groups[number], others, grasp.q, hand))
+            for grasp in grasps
+        ]
+    )
     kept: list[int] = []
     for index, shape in enumerate(shapes):
         apart = np.linalg.norm(shapes[kept] - shape, axis=2).mean(1)

@@ -5,12 +5,10 @@ from __future__ import annotations
 import contextlib
 import io
 import socket
-from typing import TYPE_CHECKING
+
+import viser
 
 from pipeline.records.errors import UserError
-
-if TYPE_CHECKING:
-    import viser
 
 
 def check_host(host: str) -> None:
@@ -28,7 +26,5 @@ def check_host(host: str) -> None:
 
 def start_server(host: str, port: int, label: str) -> viser.ViserServer:
     """Begin to serve on the first free port from ``port`` on, without the server's own notice."""
-    import viser
-
     with contextlib.redirect_stdout(io.StringIO()):
         return viser.ViserServer(host=host, port=port, label=label, verbose=False)

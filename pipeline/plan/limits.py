@@ -6,10 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from pipeline.hand.model import Hand
-from pipeline.hand.robot import ARM_JOINT_NAMES, robot_joint_names
+from pipeline.hand.robot import ARM_JOINT_NAMES, robot_file, robot_joint_names
 from pipeline.motion.arm_model import ARM_ACCELERATION
 
 # Franka Emika, "Robot and interface specifications", limits for Panda
@@ -129,10 +131,6 @@ def _check(limit: _Limit, values: NDArray[np.float64], times: NDArray[np.float64
 
 def weight_torques(hand: Hand, q: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the torques (n, J), N m, with which the hand's joints carry the fingers' own weight at ``q`` (n, R)."""
-    import pinocchio as pin
-
-    from pipeline.hand.robot import robot_file
-
     model = pin.buildModelFromUrdf(str(robot_file(True, hand)))
     data = model.createData()
     joints = [model.joints[model.getJointId(name)] for name in robot_joint_names(hand)]
@@ -152,8 +150,6 @@ def _arm_checks(waypoints: Waypoints) -> list[Check]:
     acceleration through all positions, at rest at both ends, every millisecond; besides that, the velocities told at
     the way-points, and their difference quotients.
     """
-    from scipy.interpolate import CubicSpline
-
     times, told = waypoints.times, waypoints.arm_velocity
     step = float(times[1] - times[0])
     spline = CubicSpline(times, waypoints.q[:, :7], bc_type="clamped")

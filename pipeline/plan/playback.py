@@ -11,6 +11,10 @@ from pipeline.evaluate.execution import Ended, Run
 from pipeline.evaluate.scene import build_scene
 from pipeline.evaluate.sequence import Phase, rest_phase
 from pipeline.hand.model import Hand
+from pipeline.pictures.colours import OBJECT_COLOURS
+from pipeline.pictures.picture import strip
+from pipeline.pictures.render import Body
+from pipeline.pictures.table_scene import moment_picture
 from pipeline.plan.limits import Waypoints
 from pipeline.plan.proposal import Table
 from pipeline.records.parameters.evaluate import EvaluateParameters
@@ -62,11 +66,6 @@ def playback_strip(
 
     Other objects are drawn where they were put.
     """
-    from pipeline.pictures.colours import OBJECT_COLOURS
-    from pipeline.pictures.picture import strip
-    from pipeline.pictures.render import Body
-    from pipeline.pictures.table_scene import moment_picture
-
     others = [
         Body(item.prepared.vertices, item.prepared.faces, OTHER_COLOUR, item.T_world_object) for item in table.others
     ]

@@ -17,6 +17,7 @@ from pipeline.evaluate.scene import START_ARM, START_HAND, object_obstacle
 from pipeline.evaluate.sequence import Phase, Posture, Surroundings, pick_phases, plan_all
 from pipeline.hand.model import Hand
 from pipeline.hand.robot import ARM_JOINT_NAMES, robot_joint_names
+from pipeline.motion.collisions import overlap
 from pipeline.plan.limits import Check, Waypoints
 from pipeline.records.errors import UserError
 from pipeline.records.objects import PreparedObject
@@ -50,8 +51,6 @@ def propose(
     Raises:
         UserError: objects stand in each other, or one of the picks has no motion.
     """
-    from pipeline.motion.collisions import overlap
-
     standing = (*table.objects, *table.others)
     obstacles = [
         object_obstacle(item.prepared, f"object{index}").at(item.T_world_object) for index, item in enumerate(standing)

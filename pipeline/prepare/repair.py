@@ -17,7 +17,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from pipeline.prepare.winding import winding_surface
 from pipeline.records.errors import UserError
+from pipeline.shapes.rays import ray_scene
 
 LARGEST_EXTENT = 2.0  # m; nothing that a hand holds is larger, so the unit must be wrong
 SMALLEST_EXTENT = 0.002  # m
@@ -282,8 +284,6 @@ def _single_body(manifold: Any, repairs: list[str], name: str) -> Any:
 
 def _wrapped(mesh: Any) -> Any | None:
     """Return a Manifold around everything whose winding number is at least one half."""
-    from pipeline.prepare.winding import winding_surface
-
     vertices, faces = winding_surface(np.asarray(mesh.vertices), np.asarray(mesh.faces), WRAP_CELLS)
     if len(faces) == 0:
         return None
@@ -296,8 +296,6 @@ def _wrapped(mesh: Any) -> Any | None:
 
 def _lost_depth(mesh: Any, solid: Any) -> float:
     """Return how far (m) the surface of ``mesh`` lies outside of ``solid`` at most; sheets inside do not count."""
-    from pipeline.shapes.rays import ray_scene
-
     result = solid.to_mesh64()
     scene = ray_scene((np.asarray(result.vert_properties)[:, :3], np.asarray(result.tri_verts)))
     points = np.concatenate([mesh.vertices, mesh.triangles_center]).astype(np.float32)
@@ -310,8 +308,6 @@ def _simplified(body: Any, repairs: list[str]) -> Any:
     Manifold keeps the surface closed and its tolerance nearly; how far the old vertices lie from the new surface is
     measured.
     """
-    from pipeline.shapes.rays import ray_scene
-
     before = body.num_tri()
     if before <= MOST_FACES:
         return body

@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from pipeline.prepare.recipes import recipe_mesh
@@ -56,8 +57,6 @@ def load_triangles(path: Path, where: str) -> tuple[NDArray[np.float64], NDArray
     Raises:
         UserError: the file holds no mesh.
     """
-    import trimesh
-
     refusal = UserError(
         f"{where}: {path} holds no triangle mesh that can be read; export the shape again as {', '.join(FORMATS)}."
     )

@@ -25,13 +25,14 @@ from pipeline.records.errors import UserError
 from pipeline.records.texts import parse_yaml
 
 SETTINGS = "settings"  # under which the sections of params.yaml stand
+ALL = "all"  # the line among them that stands for all sections together
 IRRELEVANT = "compute"  # the section that decides where and how fast something is computed, never what
 
 _STAGES_FILE = Path("dvc.yaml")
 _PINS_FILE = Path("constraints.txt")
 _COMMAND = re.compile(r"\bpython -m (pipeline(?:\.\w+)+)")
 _WRITER = "pipeline.code.__main__"  # its stage has no line, but depends on all files
-_LENGTH, _SHORT = 32, 12  # hexadecimal digits, of code and of settings
+_LENGTH = 10  # hexadecimal digits of a fingerprint: one change in 10^12 is missed, and dvc.lock stays small
 # Packages that are imported by another name than they are installed by.
 _DISTRIBUTIONS = {
     "PIL": "pillow",
@@ -78,7 +79,7 @@ def _mapping(file: Path) -> dict[str, Any]:
 
 
 def settings_digests(root: Path) -> dict[str, Any]:
-    """Return a fingerprint of every section of ``params.yaml`` on which results depend, by name.
+    """Return a fingerprint of every section of ``params.yaml`` on which results depend, by name, and one of all.
 
     Where a stage names a part of a section, such as ``settings.styles.pinch``, each part has its own.
 
@@ -92,16 +93,16 @@ def settings_digests(root: Path) -> dict[str, Any]:
         for line in _named_lines((stage.get("do", stage) if isinstance(stage, dict) else {}).get("params", []))
     }
     divided = {parts[1] for parts in named if parts[0] == SETTINGS and len(parts) > 2}
-    return {
+    sections = {name: each for name, each in _mapping(root / paths.PARAMETERS_FILE).items() if name != IRRELEVANT}
+    return {ALL: _digest(sections)} | {
         name: {part: _digest(own) for part, own in value.items()} if name in divided else _digest(value)
-        for name, value in _mapping(root / paths.PARAMETERS_FILE).items()
-        if name != IRRELEVANT
+        for name, value in sections.items()
     }
 
 
 def _digest(value: Any) -> str:
     """Return a short fingerprint of plain data, in its order."""
-    return hashlib.sha256(ascii(value).encode()).hexdigest()[:_SHORT]
+    return hashlib.sha256(ascii(value).encode()).hexdigest()[:_LENGTH]
 
 
 def declared_commands(root: Path) -> dict[str, tuple[str, ...]]:

@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pycolmap
 from numpy.typing import NDArray
+from PIL import Image
 
 from pipeline.reconstruct.photos import Photo
 from pipeline.records.captures import Intrinsics
@@ -51,8 +53,6 @@ def _file(photo: Photo) -> str:
 
 def _write_photos(photos: Sequence[Photo], folder: Path) -> list[str]:
     """Write the photos and their masks; return the photos' names below ``folder/images``."""
-    from PIL import Image
-
     names = []
     for photo in photos:
         name = _file(photo)
@@ -71,7 +71,6 @@ def _write_photos(photos: Sequence[Photo], folder: Path) -> list[str]:
 def _extract_and_match(
     folder: Path, names: list[str], intrinsics: Intrinsics | None, settings: SparseParameters, seed: int
 ) -> None:
-    import pycolmap
 
     database = folder / "database.db"
     reader = pycolmap.ImageReaderOptions()
@@ -104,8 +103,6 @@ def _extract_and_match(
 
 def _map(folder: Path, settings: SparseParameters, calibrated: bool, seed: int) -> dict[int, Any]:
     """Return COLMAP's models."""
-    import pycolmap
-
     database, images, target = folder / "database.db", folder / "images", folder / "sparse"
     target.mkdir()
     if settings.mapper == "global":
@@ -146,9 +143,6 @@ def sparse_model(
     Raises:
         UserError: too few photos fit together, or ``intrinsics.yaml`` is for photos of another size.
     """
-    import PIL.Image  # noqa: F401  # before pycolmap: loaded after it, Pillow aborts the process when it writes PNG
-    import pycolmap
-
     if intrinsics is not None:
         intrinsics.check_sizes({photo.name: photo.file_size for photo in photos})
         intrinsics = intrinsics.shrunk(photos[0].times)  # the sizes are the same, so the others' is too

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 from pydantic import BaseModel
 
 from pipeline.records import paths
@@ -57,8 +58,6 @@ def _add(hashed: Any, value: Any) -> None:
 
 def _bytes_of_table(table: Any) -> bytes:
     """Return bytes that depend on the values alone, not on how the table lies in memory."""
-    import pyarrow.parquet as pq
-
     target = io.BytesIO()
     pq.write_table(table.combine_chunks(), target, compression="none")
     return target.getvalue()

@@ -7,6 +7,7 @@ wanted, a picture can unpack to any size, and a name can lead to a device, a pip
 from __future__ import annotations
 
 import io
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -61,8 +62,6 @@ def read_geometry_file(source: Path, process: bool = False) -> Any:
 
 def _check_glb(content: bytes) -> None:
     """Refuse counts without data, for which the reader would allocate memory, and nodes with several parents."""
-    import json
-
     header = json.loads(content[20 : 20 + int.from_bytes(content[12:16], "little")])
     if any("bufferView" not in accessor for accessor in header.get("accessors", [])):
         raise ValueError("it counts values that it does not hold")

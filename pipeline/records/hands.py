@@ -9,6 +9,8 @@ from pipeline.records.errors import UserError
 HANDS_FOLDER = Path(__file__).resolve().parents[2] / "hands"
 DESCRIPTION = "hand.yaml"
 ALLEGRO = "allegro"  # the hand of everything about two objects, the arm and the learned model
+ALLEGRO_JOINTS = 16
+ARM_JOINTS = 7  # of the Panda, which carries it
 
 
 def known_hands() -> list[str]:

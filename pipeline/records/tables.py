@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 
 from pipeline.records import energy_terms
 from pipeline.records.errors import UserError
-from pipeline.records.hands import ALLEGRO
+from pipeline.records.hands import ALLEGRO, ALLEGRO_JOINTS, ARM_JOINTS
 from pipeline.records.writing import whole_file
 
 MOST_VALUES = 1_000_000_000  # in one file: six times what a million grasps of two objects have
@@ -43,7 +43,7 @@ CANDIDATES = pa.schema(
         ("fingers", pa.string()),  # who touches, such as thumb+index, thumb+index+middle, ring+palm
         ("position_object_hand", _vector(3)),
         ("quaternion_object_hand", _vector(4)),
-        ("q", _vector(16)),
+        ("q", _vector(ALLEGRO_JOINTS)),
         ("contact_candidates", pa.list_(pa.int32())),  # indices into Hand.contact_points
         ("contact_points", _VECTORS),  # object frame, on the hand's surface
         ("contact_normals", _VECTORS),  # object frame, outward normal of the object's surface at the closest point
@@ -100,13 +100,13 @@ MERGED = pa.schema(
         _column("objects", pa.list_(pa.string()), "names, in the order of picking"),
         _column("grasp_ids", pa.list_(pa.int32()), "`grasp_id` of the single grasp of each object"),
         _column("fingers", pa.list_(pa.string()), "who holds each object, such as `thumb+index`"),
-        _column("q", _vector(16), "rad, joints of the grasp"),
-        _column("squeeze_q", _vector(16), "rad, drive targets that press the contacts together"),
+        _column("q", _vector(ALLEGRO_JOINTS), "rad, joints of the grasp"),
+        _column("squeeze_q", _vector(ALLEGRO_JOINTS), "rad, drive targets that press the contacts together"),
         _column("positions_hand_object", pa.list_(_vector(3)), "m, origin of each object in the hand frame"),
         _column(
             "quaternions_hand_object", pa.list_(_vector(4)), "w, x, y, z: turns vectors of its frame to the hand's"
         ),
-        _column("open_q", pa.list_(_vector(16)), "rad, drive targets for the approach to each object"),
+        _column("open_q", pa.list_(_vector(ALLEGRO_JOINTS)), "rad, drive targets for the approach to each object"),
         _column(
             "approach_directions",
             pa.list_(_vector(3)),
@@ -158,7 +158,7 @@ TRIALS = pa.schema(
         ("planning_attempts", pa.int32()),
         ("steps", pa.int32()),  # physics steps
         ("snapshot_phases", pa.list_(pa.string())),
-        ("snapshot_robot_q", pa.list_(_vector(23))),  # 7 arm joints, then the hand's 16
+        ("snapshot_robot_q", pa.list_(_vector(ARM_JOINTS + ALLEGRO_JOINTS))),  # rad, the arm, then the hand
         ("snapshot_poses", pa.list_(pa.list_(_vector(7)))),  # per object, per snapshot: position, quaternion (world)
     ]
 )
@@ -178,11 +178,6 @@ def of_hand(schema: pa.Schema, hand: str, joints: int) -> pa.Schema:
 def hand_of_schema(schema: pa.Schema) -> str:
     """Return the name of the hand whose grasps a table holds."""
     return (schema.metadata or {}).get(_HAND, ALLEGRO.encode()).decode()
-
-
-def hand_of_table(source: Path) -> str:
-    """Return the name of the hand whose grasps a file holds."""
-    return hand_of_schema(pq.read_schema(source))
 
 
 def arrow_table(rows: pd.DataFrame, schema: pa.Schema) -> pa.Table:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from pipeline.hand.model import Hand
@@ -13,6 +14,7 @@ from pipeline.pictures.colours import OBJECT_COLOURS, SPONGE_COLOUR
 from pipeline.pictures.decimation import decimated
 from pipeline.pictures.render import Body, corner_normals
 from pipeline.pictures.robot import robot_bodies
+from pipeline.records.objects import load_prepared_object
 from pipeline.records.poses import pose_matrix
 from pipeline.replay.recording import Recording
 from pipeline.shapes.workplace import SPONGE_SIZE, SPONGE_X, TABLE_SIZE, TABLE_X
@@ -43,8 +45,6 @@ def appearance(recording: Recording, hand: Hand) -> Appearance:
     Raises:
         UserError: a prepared object is missing or damaged.
     """
-    from pipeline.records.objects import load_prepared_object
-
     prepared = [load_prepared_object(name) for name in recording.about.objects]
     looks = zip(prepared, OBJECT_COLOURS, strict=False)  # there are colours for the most objects that a hand can hold
     height = recording.about.sponge_height
@@ -78,7 +78,6 @@ def _light(body: Body, most_faces: int) -> Body:
 
 
 def _box(size: tuple[float, ...], centre: tuple[float, ...], colour: tuple[float, float, float]) -> Body:
-    import trimesh
 
     T = np.eye(4)
     T[:3, 3] = centre

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from pipeline.evaluate.execution import Run
 from pipeline.evaluate.inputs import inputs_of, sections, sequences_of
@@ -147,8 +148,6 @@ def differing_columns(recorded: Mapping[str, Any], row: Mapping[str, Any]) -> li
 
 def _exact(value: Any, column: str) -> Any:
     """Return a value as the table holds it, with floats as text that tells all their bits."""
-    import pyarrow as pa
-
     return _with_all_bits(pa.array([value], type=TRIALS.field(column).type, from_pandas=True).to_pylist()[0])
 
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import sapien
 from numpy.typing import NDArray
 
 from pipeline.pictures.camera import look_at
@@ -25,8 +26,6 @@ KEY_DIRECTION = (-0.3, 0.75, -1.0)  # where its light goes: over the viewer's le
 
 def why_unusable() -> str:
     """Return why SAPIEN cannot draw here; empty when it can."""
-    import sapien
-
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # which Vulkan library it takes
@@ -45,8 +44,6 @@ class SapienCamera:
         Raises:
             RuntimeError: there is no driver; see :func:`why_unusable`.
         """
-        import sapien
-
         self.scene = sapien.Scene([sapien.render.RenderSystem()])
         self.scene.set_ambient_light(AMBIENT)
         self.scene.add_directional_light(KEY_DIRECTION, KEY, shadow=True, shadow_scale=2.0, shadow_map_size=2048)
@@ -63,7 +60,6 @@ class SapienCamera:
         self.scene.add_entity(mount)
 
     def _add(self, body: Body) -> Any:
-        import sapien
 
         material = sapien.render.RenderMaterial(base_color=[channel**2.2 for channel in body.colour] + [1.0])
         material.roughness, material.metallic, material.specular = 0.6, 0.0, 0.3
@@ -98,7 +94,6 @@ class SapienCamera:
 
 
 def _pose(T: NDArray[np.float64]) -> object:
-    import sapien
 
     position, quaternion = position_quaternion(T)
     return sapien.Pose(position, quaternion)

@@ -9,14 +9,18 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+import imageio_ffmpeg
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageFont
 
 from pipeline.compute.fan_out import fan_out
 from pipeline.compute.progress import watched
 from pipeline.compute.shared import Shared
 from pipeline.hand.model import Hand
+from pipeline.pictures.camera import look_at
 from pipeline.pictures.picture import CAPTION_HEIGHT, TEXT_SIZE, captioned
+from pipeline.pictures.render import render
 from pipeline.records.errors import UserError
 from pipeline.records.writing import check_writable, whole_file
 from pipeline.replay.appearance import Appearance, appearance, bodies_at, moving_poses
@@ -94,8 +98,6 @@ def write_video(
 
 def last_caption(about: About, width: int) -> str:
     """Return what is written below the last picture, ``width`` pixels wide: the outcome, and the trial if that fits."""
-    from PIL import ImageFont
-
     text = f"{about.name}: {about.outcome}"
     return text if ImageFont.load_default(size=TEXT_SIZE).getlength(text) <= width - 16 else about.outcome
 
@@ -127,16 +129,12 @@ def _draw_with_rays(looks: Appearance, moments: Sequence[Poses], film: Film, wor
 
 def _ray_cast(shared: Shared[tuple[Appearance, Film]], poses: Poses) -> bytes:
     """Return a PNG of one moment."""
-    from pipeline.pictures.camera import look_at
-    from pipeline.pictures.render import render
-
     looks, film = shared.value
     camera = look_at(CAMERA_POSITION, CAMERA_TARGET, CAMERA_DEGREES)
     return _png(render(bodies_at(looks, poses), camera, film.width, film.height, floor=0.0))
 
 
 def _png(picture: Picture) -> bytes:
-    from PIL import Image
 
     buffer = io.BytesIO()
     Image.fromarray(picture).save(buffer, format="PNG", compress_level=1)
@@ -145,16 +143,12 @@ def _png(picture: Picture) -> bytes:
 
 def _frame(content: tuple[bytes, str]) -> Picture:
     """Return a picture, given as PNG, with its caption."""
-    from PIL import Image
-
     png, caption = content
     return captioned(np.asarray(Image.open(io.BytesIO(png)).convert("RGB")), caption)
 
 
 def _write_mp4(target: Path, frames: Iterable[Picture], film: Film) -> None:
     """Write H.264 in the form that browsers play, beginning before the whole file is there."""
-    import imageio_ffmpeg
-
     writer = imageio_ffmpeg.write_frames(
         str(target),
         (film.width, film.height + CAPTION_HEIGHT),
@@ -172,8 +166,6 @@ def _write_mp4(target: Path, frames: Iterable[Picture], film: Film) -> None:
 
 def _write_gif(target: Path, frames: Iterable[Picture], film: Film) -> None:
     """Write a GIF with the colours of its first and middle pictures, so that none flickers."""
-    from PIL import Image
-
     pictures = [Image.fromarray(frame) for frame in frames]
     sample = Image.fromarray(np.concatenate([np.asarray(pictures[0]), np.asarray(pictures[len(pictures) // 2])]))
     palette = sample.quantize(256)

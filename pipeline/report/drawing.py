@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from PIL import Image
 
 from pipeline.compute.fan_out import fan_out
 from pipeline.hand.model import Hand
@@ -243,8 +244,6 @@ def trial_strip(
 
 def as_webp(picture: NDArray[np.uint8]) -> bytes:
     """Return a picture (h, w, 3) as WebP, at most ``PAGE_WIDTH`` wide."""
-    from PIL import Image
-
     image = Image.fromarray(picture)
     if image.width > PAGE_WIDTH:
         height = round(image.height * PAGE_WIDTH / image.width)

@@ -7,7 +7,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
 
 from pipeline.report.charts import MOST_CELLS, PASSED_COLOUR, ink_on, scale_colour
 from pipeline.report.rates import PairTrials
@@ -24,9 +28,6 @@ def success_picture(pairs: Sequence[PairTrials]) -> bytes:
 
 def histogram_picture(pairs: Sequence[PairTrials]) -> bytes:
     """Return how many pairs have which success rate as PNG."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(7, 3.2), dpi=120, layout="tight")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
@@ -45,10 +46,6 @@ def _png(figure: Any) -> bytes:
 
 def heat_map_picture(pairs: Sequence[PairTrials]) -> bytes:
     """Return the success heat map as PNG: rows are first objects, columns are second objects."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from matplotlib.patches import Rectangle
-
     firsts, seconds = list(dict.fromkeys(p.first for p in pairs)), list(dict.fromkeys(p.second for p in pairs))
     figure = Figure(figsize=(2.2 + 1.25 * len(seconds), 1.1 + 0.75 * len(firsts)), dpi=120, layout="tight")
     FigureCanvasAgg(figure)
@@ -74,8 +71,6 @@ def heat_map_picture(pairs: Sequence[PairTrials]) -> bytes:
 
 def contact_sheet(pictures: Sequence[NDArray[np.uint8]], captions: Sequence[str]) -> bytes:
     """Return all pictures (h, w, 3) of a strip in one JPEG, in rows, each with its phase written below."""
-    from PIL import Image, ImageDraw, ImageFont
-
     (height, width), caption = pictures[0].shape[:2], 24
     columns = min(MOST_COLUMNS, len(pictures))
     rows = -(-len(pictures) // columns)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from markupsafe import Markup
+from PIL import Image
 
 from pipeline.records.reconstructions import load_reconstruction_metrics, load_reconstruction_pictures
 from pipeline.report.charts import Table
@@ -81,7 +82,6 @@ def _objects_table(found: Mapping[str, Reconstructed]) -> Table:
 
 
 def _shape(picture: bytes) -> tuple[int, int]:
-    from PIL import Image
 
     return Image.open(io.BytesIO(picture)).size
 

@@ -6,7 +6,9 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
+from scipy.spatial import QhullError
 
 from pipeline.records.errors import UserError
 from pipeline.records.geometry import read_geometry_file
@@ -28,8 +30,6 @@ def load_own_object(source: Path) -> tuple[PreparedObject, NDArray[np.float64], 
         UserError: the file is missing or of no known kind, holds no or too few points, points that are no numbers, or
             is of a size that no hand can grasp.
     """
-    import trimesh
-
     points, mesh = _read(source)
     if not np.isfinite(points).all():
         raise UserError(f"{source} holds coordinates that are not numbers (NaN or infinite); remove those points.")
@@ -44,7 +44,6 @@ def load_own_object(source: Path) -> tuple[PreparedObject, NDArray[np.float64], 
     if mesh is None or not mesh.is_watertight:
         if mesh is not None:
             print(f"{source} is not closed: its convex hull stands for it.", file=sys.stderr)
-        from scipy.spatial import QhullError
 
         try:
             solid = trimesh.convex.convex_hull(points)
@@ -65,8 +64,6 @@ def load_own_object(source: Path) -> tuple[PreparedObject, NDArray[np.float64], 
 
 def _read(source: Path) -> tuple[NDArray[np.float64], trimesh.Trimesh | None]:  # type: ignore[name-defined] # noqa: F821
     """Return points (n, 3) and the mesh that they are corners of, if there is one."""
-    import trimesh
-
     if not source.is_file():
         raise UserError(f"{source} is missing; name a mesh (.ply, .stl, .obj, .off, .glb) or a cloud (.ply, .npy).")
     try:

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import plotly.graph_objects as go
+import trimesh
 from numpy.typing import NDArray
 
 from pipeline.hand.kinematics import link_poses
@@ -23,8 +25,6 @@ MOST_FACES = 1200  # of an object: the page repeats every shape for every grasp
 
 def hand_mesh(q: NDArray[np.float64], hand: Hand) -> Mesh:
     """Return the collision shapes of the hand at ``q`` (J,) as one mesh, hand frame."""
-    import trimesh
-
     T = link_poses(hand, q[None])[0]
     parts = []
     for link, pose, half in zip(hand.box_link, hand.box_pose, hand.box_half, strict=True):
@@ -38,8 +38,6 @@ def hand_mesh(q: NDArray[np.float64], hand: Hand) -> Mesh:
 
 def grasp_page(rows: Sequence[Mapping[str, Any]], objects: tuple[PreparedObject, PreparedObject], hand: Hand) -> str:
     """Return the page; ``rows`` are of a merged table, in the frames of ``objects``."""
-    import plotly.graph_objects as go
-
     shapes = [decimated((prepared.vertices, prepared.faces), MOST_FACES) for prepared in objects]
     figure = go.Figure()
     for index, row in enumerate(rows):

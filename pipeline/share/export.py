@@ -19,7 +19,7 @@ from pipeline.records.flat import PAIR_GRASPS
 from pipeline.records.hands import ALLEGRO
 from pipeline.records.sources import OF_ALL_PAIRS, SOURCES
 from pipeline.records.tables import write_table
-from pipeline.share.grasps import GRASP_COLUMNS, chosen_pairs, grasps_of
+from pipeline.share.grasps import GRASP_COLUMNS, grasps_of, pairs_asked_for
 from pipeline.share.project import STYLES, Project, objects_of, open_project
 from pipeline.share.released import (
     pair_arrays,
@@ -84,7 +84,7 @@ def export(arguments: argparse.Namespace) -> list[Path]:
             names = [arguments.object]
             written = _export_single(project, file, arguments.single, arguments.object)
         else:
-            pairs = chosen_pairs(project, arguments.first, arguments.second)
+            pairs = pairs_asked_for(project, arguments.first, arguments.second)
             grasps = grasps_of(project, pairs, arguments.source, not arguments.all)
             names = sorted({name for pair in pairs for name in pair})
             written = _export_pairs(project, file, grasps, arguments.no_contacts)

@@ -52,7 +52,7 @@ def load_grasps(
     """
     sources = _among("source", source, tuple(OF_ALL_PAIRS), "this project")
     with open_project(repository, rev) as project:
-        return grasps_of(project, chosen_pairs(project, first, second), sources, only_accepted)
+        return grasps_of(project, pairs_asked_for(project, first, second), sources, only_accepted)
 
 
 def grasps_of(
@@ -77,7 +77,7 @@ def grasps_of(
     return pd.concat(tables, ignore_index=True)
 
 
-def chosen_pairs(
+def pairs_asked_for(
     project: Project, first: str | Iterable[str] | None = None, second: str | Iterable[str] | None = None
 ) -> list[tuple[str, str]]:
     """Return the pairs of the project's params.yaml that were asked for, in its order.

@@ -17,6 +17,7 @@ Objects have the names of this project, as the released meshes lie in other fram
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 
 # Released z-up coordinates (x, y, z) are its y-up ones (z, x, y): T_ours_released of an object.
 Z_UP_FROM_Y_UP = np.array([[0.0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+RELEASED_JOINTS = 16  # joint_0.0 ... joint_15.0 of the Allegro hand
 NOTES = {
     "schema": "SeqMultiGrasp, released code",
     "joints": "rad, joint_0.0 ... joint_15.0",
@@ -62,8 +64,6 @@ _SINGLE = pa.schema(
 
 def six_numbers(T: ArrayLike) -> NDArray[np.float32]:
     """Return translation and extrinsic xyz angles (n, 6) of poses (n, 4, 4)."""
-    import warnings
-
     from scipy.spatial.transform import Rotation
 
     T = np.asarray(T, np.float64)
@@ -101,7 +101,7 @@ def single_arrays(object_name: str, grasps: pd.DataFrame, hand: Hand) -> list[di
         "object_name": np.full(len(rows), object_name, dtype=object),
         "scale": np.ones(len(rows), np.float32),
         "pose": six_numbers(inverse_pose(Z_UP_FROM_Y_UP) @ poses),
-        "qpos": _stacked(rows["q"], 16).astype(np.float32),
+        "qpos": _stacked(rows["q"], RELEASED_JOINTS).astype(np.float32),
     }
     contacts = {"contact_point_indices": _contacts(rows["contact_candidates"], hand)}
     return _by_number_of_contacts(content, contacts)
@@ -120,7 +120,7 @@ def pair_arrays(
     Raises:
         UserError: a single grasp that a grasp is made of is not in its table.
     """
-    qpos = _stacked(grasps["q"], 16).astype(np.float32)
+    qpos = _stacked(grasps["q"], RELEASED_JOINTS).astype(np.float32)
     content: dict[str, NDArray] = {"qpos": qpos}
     contacts: dict[str, list[NDArray[np.int32]]] = {}
     for index, style in enumerate(("pinch", "side")):
@@ -133,7 +133,7 @@ def pair_arrays(
         content[f"object_{index}_qpos"] = qpos
         if singles is not None:
             parts = _parts(grasps, index, style, singles)
-            content[f"object_{index}_qpos"] = _stacked(parts["q"], 16).astype(np.float32)
+            content[f"object_{index}_qpos"] = _stacked(parts["q"], RELEASED_JOINTS).astype(np.float32)
             contacts[f"object_{index}_contact_point_indices"] = _contacts(parts["contact_candidates"], hand)
     return _by_number_of_contacts(content, contacts)
 

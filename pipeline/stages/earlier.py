@@ -16,6 +16,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 LOCK_FILE = Path("dvc.lock")
 MOST_RUNS = 50  # earlier runs of a stage that are looked at, the latest first
 
@@ -120,7 +122,6 @@ def _outputs(entry: Any) -> dict[str, str]:
 
 
 def _parse(text: str) -> Any:
-    import yaml
 
     try:
         return yaml.load(text, yaml.CSafeLoader)

@@ -9,13 +9,15 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+import pyarrow as pa
+import pyarrow.parquet as pq
+
 from pipeline.records.reading import read_json
 from pipeline.records.tables import arrow_table, write_arrow
 from pipeline.records.writing import replace_folder, write_json
 
 if TYPE_CHECKING:
     import pandas as pd
-    import pyarrow as pa
 
 Find = Callable[[str], Path]  # from a name in the output to a file with that content
 
@@ -70,8 +72,6 @@ class Tables:
 
     def write(self, folder: Path, keys: Sequence[str], result: Callable[[str], pa.Table]) -> None:
         """Write one table for each beginning of the keys."""
-        import pyarrow as pa
-
         members: dict[str, list[str]] = {}
         for key in keys:
             members.setdefault(_table_of(key), []).append(key)
@@ -90,9 +90,6 @@ def _table_of(key: str) -> str:
 @lru_cache(maxsize=1)  # items of one table are read one after the other
 def _groups(source: Path, columns: tuple[str, ...]) -> dict[tuple[str, ...], pa.Table]:
     """Return the rows of a table by the parts of their keys."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     table = pq.read_table(source)
     if not columns:
         return {(): table}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import tempfile
 from collections import Counter
@@ -110,8 +111,6 @@ def past_curves(cache: Cache, past: PastResult) -> tuple[dict[str, list[dict[str
 @contextmanager
 def past_files(cache: Cache, past: PastResult) -> Iterator[list[Path]]:
     """Make the files to keep with the record, under their own names, for as long as the context lasts."""
-    import json
-
     page = None
     for stage in past.stages:
         page = cache.file(stage.outputs.get(str(paths.REPORT_PAGE))) or page

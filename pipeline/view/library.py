@@ -10,6 +10,7 @@ import pandas as pd
 
 from pipeline.hand.model import Hand
 from pipeline.records import paths
+from pipeline.records.captures import read_truth
 from pipeline.records.errors import UserError
 from pipeline.records.flat import read_flat
 from pipeline.records.geometry import read_geometry_file
@@ -95,8 +96,6 @@ class Library:
         Raises:
             UserError: the ground truth is damaged.
         """
-        from pipeline.records.captures import read_truth
-
         known = read_truth(Path(self.parameters.captures[capture].folder))
         source = known.surfaces.get(name) if known else None
         return None if source is None else self._once("truth", source, lambda: _mesh(source))

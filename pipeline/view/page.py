@@ -18,6 +18,7 @@ import pandas as pd
 
 from pipeline.pictures.serving import check_host, start_server
 from pipeline.records.errors import UserError
+from pipeline.replay.video import CAMERA_POSITION, CAMERA_TARGET
 from pipeline.view import facts, rows, scenes
 from pipeline.view.canvas import Canvas
 from pipeline.view.choice import Choice, named, turned_to
@@ -188,8 +189,6 @@ class Page:
 
     def _aim_one(self, client: Any) -> None:
         """Point the camera of one browser, or (None) of those that will come, at the whole drawing."""
-        from pipeline.replay.video import CAMERA_POSITION, CAMERA_TARGET
-
         with self._lock:
             aspect = USUAL_ASPECT if client is None else float(client.camera.aspect)
             if self.choice.view == TRIALS_VIEW:

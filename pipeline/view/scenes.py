@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from pipeline.hand.kinematics import link_poses, points_on_links
@@ -269,7 +270,6 @@ def trial_moment(
 
 
 def _box(name: str, size: Sequence[float], centre: Sequence[float], colour: Colour) -> Solid:
-    import trimesh
 
     mesh = trimesh.creation.box(size)
     return Solid(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), translations(centre), np.array([colour]))

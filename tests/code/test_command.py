@@ -38,7 +38,8 @@ def test_the_file_has_a_line_for_every_command_and_the_same_bytes_again(working_
     assert sorted(lines) == list(lines) == ["capture", "harder", "settings"]
     settings = lines.pop("settings")
     assert all(isinstance(line, str) for line in lines.values())
-    assert set(settings) == set(yaml.safe_load((working_copy / "params.yaml").read_text())) - {"compute"}
+    sections = set(yaml.safe_load((working_copy / "params.yaml").read_text()))
+    assert set(settings) == sections - {"compute"} | {"all"}
     assert run_module("pipeline.code", folder=working_copy).returncode == 0
     assert paths.CODE_FILE.read_bytes() == before
     assert own_fingerprint("capture") == lines["capture"]

@@ -2,7 +2,8 @@
 
 import ast
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -12,17 +13,42 @@ PAGE = (ROOT / "docs/architecture.md").read_text()
 ROOMS = sorted(path.parent.name for path in ROOT.glob("pipeline/*/__init__.py"))
 READERS = {"view", "replay", "plan", "share"}
 STAGES = {path.parent.name for path in ROOT.glob("pipeline/*/__main__.py")} - READERS
+# Packages that take long to load, or that only a cluster needs: a module that runs without them imports them where it
+# needs them, or imports there another module that loads one of them.
+LATE = {
+    *(
+        "coacd",
+        "coal",
+        "h5py",
+        "joblib",
+        "mani_skill",
+        "mlflow",
+        "open3d",
+        "pinocchio",
+        "sapien",
+        "scipy",
+        "sqlalchemy",
+    ),
+    *("torch", "trimesh", "viser", "warp"),
+    *("dvc", "dvc_data"),
+    *("cloudpickle", "dask", "distributed", "threadpoolctl"),
+}
 OUTSIDE = {"seqgrasp", "tools", "tests", "benchmarks", "examples"}
+
+
+def named_by(nodes: Iterable[ast.AST]) -> Iterator[str]:
+    """Yield what those of the nodes name that are imports, as `package.module`."""
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0 and node.module, "an import by a relative name"
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
 def imported(file: Path) -> Iterator[str]:
     """Yield the modules that a file names in imports at any level, as `package.module`."""
-    for node in ast.walk(ast.parse(file.read_text())):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0 and node.module, f"{file} imports by a relative name"
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+    yield from named_by(ast.walk(ast.parse(file.read_text())))
 
 
 def arrows(folder: str) -> set[tuple[str, str]]:
@@ -99,3 +125,42 @@ def test_the_page_names_everything_that_is_there():
     beside = {"site", "plan", "replays", "grasps", "dvc_plots", "mlartifacts", "shared", "models", "reports"}
     named = set(re.findall(r"`(\w+)/", PAGE))
     assert {name for name in known - beside if not name.endswith((".egg-info", "__pycache__"))} <= named
+
+
+def module_file(name: str) -> Path | None:
+    """Return the file of a module of the pipeline; of a name in a module, that of the module."""
+    parts = name.split(".")
+    files = (ROOT.joinpath(*parts[:count]).with_suffix(".py") for count in (len(parts), len(parts) - 1))
+    return next((file for file in files if file.is_file()), None)
+
+
+@cache
+def loads_late_package(file: Path) -> bool:
+    """Tell whether a module loads one of ``LATE`` as soon as it is imported, itself or through others."""
+    seen, waiting = set(), [file]
+    while waiting:
+        if (current := waiting.pop()) in seen:
+            continue
+        seen.add(current)
+        for name in named_by(node for node in ast.parse(current.read_text()).body):
+            if name.split(".")[0] in LATE:
+                return True
+            waiting += [found] if (found := module_file(name)) else []
+    return False
+
+
+def late_imports(file: Path) -> set[str]:
+    tree = ast.parse(file.read_text())
+    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    return set(named_by(node for function in functions for node in ast.walk(function)))
+
+
+@pytest.mark.parametrize("room", sorted({*ROOMS} - {"evaluate"}))
+def test_only_what_is_slow_to_load_is_imported_inside_functions(room):
+    """A command checks its parameters before it imports what it computes with; everything else imports at the top."""
+    for file in sorted((ROOT / "pipeline" / room).glob("*.py")):
+        if '\nif __name__ == "__main__":' in file.read_text():
+            continue
+        for name in late_imports(file):
+            own = module_file(name) if name.startswith("pipeline.") else None
+            assert name.split(".")[0] in LATE or (own and loads_late_package(own)), f"{file} imports {name} late"

@@ -13,7 +13,7 @@ import yaml
 from pipeline.records.errors import UserError
 from pipeline.records.hands import known_hands
 from pipeline.records.parameters import load_parameters, read_parameters
-from pipeline.records.tables import CANDIDATES, VALIDATED, hand_of_table, of_hand, read_table, write_table
+from pipeline.records.tables import CANDIDATES, VALIDATED, hand_of_schema, of_hand, read_table, write_table
 from tests.pipeline.declared import declared_stages
 from tools import scales
 
@@ -129,7 +129,7 @@ def test_tables_of_another_hand_have_its_joints_and_its_name(tmp_path):
     for name, own in (("dclaw", schema), ("allegro", VALIDATED)):
         file = tmp_path / f"{name}.parquet"
         write_table(file, pd.DataFrame([row | {"q": [0.1] * own.field("q").type.list_size}]), own)
-        assert hand_of_table(file) == name
+        assert hand_of_schema(pq.read_schema(file)) == name
         assert len(read_table(file, own, "validate-pinch@cube")) == 1
     assert b"hand" not in (pq.read_schema(tmp_path / "allegro.parquet").metadata or {})
     with pytest.raises(UserError, match="holds grasps of the hand dclaw, not of the allegro; run `dvc repro validate"):

@@ -102,7 +102,8 @@ def test_settings_are_all_values_but_those_of_compute(repository):
     repository.edit("params.yaml", "seed: 1\n", "# the seed\nseed:   1\n")
     assert settings() == before
     repository.edit("params.yaml", "rate: 0.5", "rate: 0.6")
-    assert settings() != before
+    after = settings()
+    assert {name for name in before if after[name] != before[name]} == {"grow", "all"}
 
 
 def test_a_command_that_states_no_sections_may_read_all(repository):
@@ -150,7 +151,7 @@ def test_stated_sections_hold_those_that_the_function_returns(module):
 def test_every_command_has_a_line_and_no_other(repository):
     lines = code_lines(repository.root)
     assert list(lines) == ["grow", "settings"]
-    assert len(lines["grow"]) >= 16 and int(lines["grow"], 16) >= 0
+    assert len(lines["grow"]) >= 10 and int(lines["grow"], 16) >= 0
     assert code_line(repository.root, "grow") == lines["grow"]
     with pytest.raises(UserError):
         code_line(repository.root, "shrink")
@@ -159,7 +160,9 @@ def test_every_command_has_a_line_and_no_other(repository):
 def test_stages_that_run_the_same_may_share_a_line(repository):
     before = code_lines(repository.root)
     text = (repository.root / "dvc.yaml").read_text()
-    again = "  again:\n    cmd: python -m pipeline.grow --again\n    params: [shrink, {code.yaml: [grow, settings]}]\n"
+    again = (
+        "  again:\n    cmd: python -m pipeline.grow --again\n    params: [shrink, {code.yaml: [grow, settings.all]}]\n"
+    )
     (repository.root / "dvc.yaml").write_text(text + again)
     assert code_lines(repository.root) == before
 
