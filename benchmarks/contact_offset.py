@@ -35,10 +35,11 @@ STANDARD = "standard"
 IDENTITY = ["source", "objects", "trial"]
 
 
-def trials_of(source: str, physics: dict[str, float], trials: int) -> list[TrialInput]:
+def trials_of(source: str, physics: dict[str, float], offset: float, trials: int) -> list[TrialInput]:
     """Return the inputs of the first ``trials`` trials of every pair of a source, with changed physics."""
     parameters, hand = load_parameters(sections(source)), load_hand("allegro")
-    changed = {**parameters, "physics": overridden(parameters["physics"], physics)}
+    sapien = {**parameters["physics"].sapien.model_dump(), "contact_offset": offset}
+    changed = {**parameters, "physics": overridden(parameters["physics"], {**physics, "sapien": sapien})}
     return [
         trial
         for objects in sequences_of(source, parameters)
@@ -90,11 +91,7 @@ def main() -> None:
     for friction, changes in conditions.items():
         for offset in chosen.offsets:
             own = {"friction": friction, "offset": offset}
-            inputs = [
-                trial
-                for source in chosen.sources
-                for trial in trials_of(source, {**changes, "contact_offset": offset}, chosen.trials)
-            ]
+            inputs = [trial for source in chosen.sources for trial in trials_of(source, changes, offset, chosen.trials)]
             rows += fan_out(partial(timed_trial, own), inputs, read_parameters().compute.workers, f"{offset} m")
     table = compared(pd.DataFrame(rows))
     table.to_csv("reports/contact_offset.csv", index=False)

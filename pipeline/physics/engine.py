@@ -80,6 +80,14 @@ class World(Protocol):
         """Advance by ``count`` steps."""
         ...
 
+    def squeeze(self, robot: Robot, q: ArrayLike) -> None:
+        """Set drive targets ``q`` (n,), rad, of a hand that was added with objects in its grasp; nothing moved yet.
+
+        An engine in which a sudden squeeze would throw objects away brings the targets there gently, and without
+        gravity, before this returns.
+        """
+        ...
+
     def add_hand(self, hand: Hand, T_world_hand: ArrayLike, q: ArrayLike) -> Robot:
         """Add a hand alone, its root fixed in space, at rest at ``q``, which are also its targets.
 
