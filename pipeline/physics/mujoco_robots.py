@@ -7,7 +7,7 @@ the order of the hand.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations
 from typing import Any
 
@@ -40,10 +40,6 @@ class MujocoRobot:
         if self.simulation.diverged:
             return np.full(len(self.joint_names), np.nan)
         return self.simulation.data.qpos[self._places].copy()
-
-    def set_q(self, q: ArrayLike) -> None:
-        """Put the joints at ``q`` (n,), rad, at once; drive targets stay as they are."""
-        self.simulation.data.qpos[self._places] = q
 
     @cached_property
     def _places(self) -> NDArray[np.int32]:
@@ -108,7 +104,8 @@ def add_robot(
     simulation.never_meeting |= {frozenset(prefix + name for name in pair) for pair in never_meeting}
     start = np.array(q, np.float64)
     added = MujocoRobot(simulation, prefix, names, stiffness, damping, np.stack([start, np.zeros(len(start))]))
-    simulation.when_built += [lambda: _set_inertias(simulation.model, inertias), lambda: added.set_q(start)]
+    simulation.corrections.append(partial(_set_inertias, inertias))
+    simulation.beginnings.append(partial(_set_joints, dict(zip((prefix + name for name in names), start, strict=True))))
     return added
 
 
@@ -168,7 +165,12 @@ def _add_drives(
     return np.array(gains).T[0], np.array(gains).T[1]
 
 
-def _set_inertias(model: Any, inertias: dict[str, NDArray[np.float64]]) -> None:
+def _set_joints(q: dict[str, float], model: Any, data: Any) -> None:
+    for name, value in q.items():
+        data.qpos[model.joint(name).qposadr[0]] = value
+
+
+def _set_inertias(inertias: dict[str, NDArray[np.float64]], model: Any) -> None:
     """Give bodies the inertias of the description: xx, yy, zz, xy, xz, yz, kg m2, about the centre of mass."""
     for name, (xx, yy, zz, xy, xz, yz) in inertias.items():
         moments, axes = np.linalg.eigh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -29,7 +29,8 @@ class Simulation:
         self.settings = settings
         self.surfaces: list[Surface] = []
         self.never_meeting: set[frozenset[str]] = set()  # pairs of bodies
-        self.when_built: list[Callable[[], None]] = []  # put things where they begin
+        self.corrections: list[Callable[[Any], None]] = []  # of the built model
+        self.beginnings: list[Callable[[Any, Any], None]] = []  # of its state
         self.diverged = False
         self._spec = mujoco.MjSpec()
         option = self._spec.option
@@ -66,12 +67,16 @@ class Simulation:
         if self._built is None:
             add_pairs(self._spec, self.surfaces, self._never_meet, self.settings)
             model = self._spec.compile()
-            self._built = model, mujoco.MjData(model)
-            for place in self.when_built:
-                place()
-            mujoco.mj_setConst(model, self._built[1])
+            for correct in self.corrections:
+                correct(model)
+            data = mujoco.MjData(model)
+            mujoco.mj_setConst(model, data)  # what follows from what was corrected; this moves everything to zero
             model.stat.meaninertia = MEAN_INERTIA
+            mujoco.mj_resetData(model, data)
+            for begin in self.beginnings:
+                begin(model, data)
             self._names = {index: model.body(index).name for index in range(model.nbody)}
+            self._built = model, data
         return self._built
 
     def _never_meet(self, first: str, second: str) -> bool:
