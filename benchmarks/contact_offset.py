@@ -28,7 +28,7 @@ from pipeline.evaluate.inputs import inputs_of, sections, sequences_of  # noqa: 
 from pipeline.evaluate.trial import TrialInput, run_trial  # noqa: E402
 from pipeline.hand.model import load_hand  # noqa: E402
 from pipeline.records.parameters import load_parameters, read_parameters  # noqa: E402
-from pipeline.records.parameters.harder import overridden  # noqa: E402
+from pipeline.records.parameters.conditions import overridden  # noqa: E402
 from pipeline.records.sources import SOURCES  # noqa: E402
 
 STANDARD = "standard"
