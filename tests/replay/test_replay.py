@@ -67,7 +67,7 @@ def evaluated(tmp_path_factory, repository: Path, objects, grasp_row) -> Path:
             write_prepared_object(paths.prepared_folder(prepared.name), prepared)
         write_grasps(grasp_row, merged_id=4)
         evaluate("synthesized", "cube")
-        evaluate_series("")
+        evaluate_series("synthesized-drawn-sapien")
     finally:
         os.chdir(before)
     return folder
