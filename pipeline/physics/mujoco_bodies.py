@@ -41,6 +41,10 @@ class MujocoBody:
         impulses = self.simulation.impulses_on(self.name)
         return {self.link_names[name]: impulse for name, impulse in impulses.items() if name in self.link_names}
 
+    def push(self, force: ArrayLike) -> None:
+        """Apply ``force`` (3,), N, world frame, at the centre of mass during the next step."""
+        self.simulation.push(self.name, force)
+
     @property
     def velocities(self) -> slice:
         """Where a free body's six velocities are among those of the model."""

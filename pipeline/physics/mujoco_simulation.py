@@ -88,15 +88,23 @@ class Simulation:
         if self.diverged:
             return
         substeps = self.settings.mujoco.substeps
+        if count > 1 and data.xfrc_applied.any():
+            self.step(1)
+            count -= 1
         if count > 1:
             mujoco.mj_step(model, data, (count - 1) * substeps)
         self._impulses = []
         for _ in range(substeps):
             mujoco.mj_step(model, data)
             self._remember_contacts()
+        data.xfrc_applied[:] = 0.0
         if any(data.warning[kind].number for kind in FULL):
             raise MemoryError(f"MuJoCo has no room left for contacts in {MEMORY} bytes")
         self.diverged = any(data.warning[kind].number for kind in DIVERGED)
+
+    def push(self, body: str, force: ArrayLike) -> None:
+        """Apply ``force`` (3,), N, world frame, at a body's centre of mass during the next step."""
+        self.data.xfrc_applied[self.model.body(body).id, :3] += np.asarray(force, np.float64)
 
     def _remember_contacts(self) -> None:
         """Add the impulses of the time step just made."""

@@ -32,6 +32,23 @@ def slide_on_a_slope(physics: PhysicsParameters, tangent: float, cube: PreparedO
 
 
 @in_both
+def test_a_push_gives_momentum_for_one_step(engine: str, cube: PreparedObject) -> None:
+    world = make_world(settings(engine), np.zeros(3))
+    body = world.add_object(replace(cube, mass=0.2), np.eye(4), "cube")
+    force = np.array([0.3, 0.0, -0.1])
+    for _ in range(20):
+        body.push(force)
+        world.step()
+    body.push(force)
+    world.step(30)  # of which the push lasts one
+    begin = body.pose
+    world.step(world.frequency)
+    moved = body.pose @ np.linalg.inv(begin)
+    np.testing.assert_allclose(moved[:3, 3], force / 0.2 * 21 / world.frequency, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(moved[:3, :3], np.eye(3), atol=1e-6)
+
+
+@in_both
 def test_a_block_slips_at_the_average_friction(engine: str, cube: PreparedObject) -> None:
     physics = settings(engine)
     friction = (physics.object_friction + physics.support_friction) / 2

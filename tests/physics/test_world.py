@@ -30,18 +30,6 @@ def test_free_fall_follows_gravity(cube: PreparedObject, direction: tuple[int, i
     np.testing.assert_allclose(body.pose[:3, 3], expected, atol=1e-4)
 
 
-def test_a_push_is_force_by_mass_for_one_step(cube: PreparedObject) -> None:
-    world = cpu_world(SETTINGS, np.zeros(3))
-    body = world.add_object(replace(cube, mass=0.2), np.eye(4), "box")
-    for _ in range(20):
-        body.push([0.3, 0.0, -0.1])
-        world.step()
-    world.step(30)  # and nothing more
-    velocity = np.array([0.3, 0.0, -0.1]) / 0.2 * 20 / SETTINGS.frequency
-    np.testing.assert_allclose(body.component.linear_velocity, velocity, rtol=1e-5)
-    assert np.abs(body.component.angular_velocity).max() == 0
-
-
 def test_resting_force_is_the_weight_of_the_prepared_mass(cube: PreparedObject) -> None:
     world = cpu_world(SETTINGS, DOWN)
     support = world.add_box([0.2, 0.2, 0.01], shifted(z=-0.01), "support")

@@ -242,7 +242,7 @@ class Parameters(Section):
                 raise ValueError(f"{where}.evaluate.trials: remove it; conditions.trials holds for all conditions")
             if "frequency" in condition.physics or "control_frequency" in condition.evaluate:
                 raise ValueError(f"{where}: remove its frequency, which must be the same under all conditions")
-            for engine in self.conditions.engines:
+            for engine in self.conditions.engines_of(name):
                 try:
                     under(condition, engine, self.evaluate, self.physics)
                 except ValueError as error:

@@ -15,6 +15,7 @@ from pipeline.records.sources import SOURCES
 
 Overridden = TypeVar("Overridden", EvaluateParameters, PhysicsParameters)
 Interval = tuple[float, float]
+Engine = Literal["sapien", "mujoco"]
 
 
 def friction_of_all_contacts(friction: float) -> dict[str, float]:
@@ -80,6 +81,9 @@ class Condition(Section):
     friction: float | None = Field(
         None, ge=0, le=5, description="Friction coefficient of every two touching bodies; null keeps their materials."
     )
+    engines: list[Engine] | None = Field(
+        None, description="Engines in which it is tried, of those of `conditions.engines`; null is all."
+    )
     drawn: bool = Field(False, description="Whether every trial draws from `conditions.distribution`.")
     evaluate: dict[str, Any] = Field({}, description="Values that replace those of `evaluate`, by parameter name.")
     physics: dict[str, Any] = Field({}, description="Values that replace those of `physics`, by parameter name.")
@@ -116,9 +120,7 @@ class ConditionsParameters(Section):
         description="Trials per pair and condition: the first of the standard trials, so at most evaluate.trials.",
     )
     sources: list[str] = Field(list(SOURCES), description="Sources of grasps to try under every condition.")
-    engines: list[Literal["sapien", "mujoco"]] = Field(
-        ["sapien"], description="Physics engines in which every condition is tried."
-    )
+    engines: list[Engine] = Field(["sapien"], description="Physics engines in which every condition is tried.")
     settings: dict[str, Condition] = Field(
         {},
         description="Conditions to repeat the trials under, by name. With the values and the engine of the standard "
@@ -147,8 +149,16 @@ class ConditionsParameters(Section):
         """
         sources = [name for name in self.sources if SOURCES[name].of_all_pairs or reconstructed]
         return [
-            TrialSeries(source, name, engine) for source in sources for name in self.settings for engine in self.engines
+            TrialSeries(source, name, engine)
+            for source in sources
+            for name in self.settings
+            for engine in self.engines_of(name)
         ]
+
+    def engines_of(self, condition: str) -> list[Engine]:
+        """Return the engines in which a condition is tried."""
+        own = self.settings[condition].engines
+        return [engine for engine in self.engines if own is None or engine in own]
 
     def is_standard(self, series: TrialSeries, evaluate: EvaluateParameters, physics: PhysicsParameters) -> bool:
         """Whether the trials of a series are the standard trials, which ``evaluate`` and ``physics`` describe."""
