@@ -29,13 +29,13 @@ COMMANDS = {
     "merge": ["pipeline.merge"],
     "sample@learned": ["pipeline.sample", "--source", "learned"],
     "evaluate@synthesized": ["pipeline.evaluate", "--source", "synthesized"],
-    "evaluate-harder": ["pipeline.evaluate.harder"],
+    "evaluate-conditions": ["pipeline.evaluate.conditions"],
     "capture": ["pipeline.capture"],
     "reconstruct": ["pipeline.reconstruct"],
 }
 OUTPUTS = {
     "sample@learned": "sample/learned",
-    "evaluate-harder": "evaluate/harder",
+    "evaluate-conditions": "evaluate/conditions",
 }
 
 

@@ -28,17 +28,18 @@ from pipeline.evaluate.inputs import inputs_of, sections, sequences_of  # noqa: 
 from pipeline.evaluate.trial import TrialInput, run_trial  # noqa: E402
 from pipeline.hand.model import load_hand  # noqa: E402
 from pipeline.records.parameters import load_parameters, read_parameters  # noqa: E402
-from pipeline.records.parameters.harder import overridden  # noqa: E402
+from pipeline.records.parameters.conditions import overridden  # noqa: E402
 from pipeline.records.sources import SOURCES  # noqa: E402
 
 STANDARD = "standard"
 IDENTITY = ["source", "objects", "trial"]
 
 
-def trials_of(source: str, physics: dict[str, float], trials: int) -> list[TrialInput]:
+def trials_of(source: str, physics: dict[str, float], offset: float, trials: int) -> list[TrialInput]:
     """Return the inputs of the first ``trials`` trials of every pair of a source, with changed physics."""
     parameters, hand = load_parameters(sections(source)), load_hand("allegro")
-    changed = {**parameters, "physics": overridden(parameters["physics"], physics)}
+    sapien = {**parameters["physics"].sapien.model_dump(), "contact_offset": offset}
+    changed = {**parameters, "physics": overridden(parameters["physics"], {**physics, "sapien": sapien})}
     return [
         trial
         for objects in sequences_of(source, parameters)
@@ -90,11 +91,7 @@ def main() -> None:
     for friction, changes in conditions.items():
         for offset in chosen.offsets:
             own = {"friction": friction, "offset": offset}
-            inputs = [
-                trial
-                for source in chosen.sources
-                for trial in trials_of(source, {**changes, "contact_offset": offset}, chosen.trials)
-            ]
+            inputs = [trial for source in chosen.sources for trial in trials_of(source, changes, offset, chosen.trials)]
             rows += fan_out(partial(timed_trial, own), inputs, read_parameters().compute.workers, f"{offset} m")
     table = compared(pd.DataFrame(rows))
     table.to_csv("reports/contact_offset.csv", index=False)

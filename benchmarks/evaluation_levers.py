@@ -1,12 +1,12 @@
 """What each way to make trials succeed is worth: the same pairs, numbers and seeds, one thing changed at a time.
 
-    python benchmarks/evaluation_levers.py --pairs 16 --trials 6 [--setting friction_0_6] [--levers NAME ...]
+    python benchmarks/evaluation_levers.py --pairs 16 --trials 6 [--condition mu_0_6] [--levers NAME ...]
 
-Needs a finished run: the standard trials are read from ``data/evaluate`` (with ``--setting``: those of that harder
-setting), the others are run on ``data/prepare`` and ``data/merge``. Writes ``reports/evaluation_levers.csv`` (with
-``--setting``: ``reports/evaluation_levers_<setting>.csv``) and prints it. The first levers take away what the standard
-trials have; the last choose other grasps of the same table. lost, gained: trials that succeed only without, only with
-the change.
+Needs a finished run: the standard trials are read from ``data/evaluate`` (with ``--condition``: those of that
+condition), the others are run on ``data/prepare`` and ``data/merge``. Writes ``reports/evaluation_levers.csv`` (with
+``--condition``: ``reports/evaluation_levers_<condition>.csv``) and prints it. The first levers take away
+what the standard trials have; the last choose other grasps of the same table. lost, gained: trials that succeed only
+without, only with the change.
 
 Each finished lever leaves its rows in ``--folder``; the same command goes on after it.
 """
@@ -37,7 +37,8 @@ from pipeline.records import paths  # noqa: E402
 from pipeline.records.flat import PAIR_TRIALS, read_flat  # noqa: E402
 from pipeline.records.kept import kept_object  # noqa: E402
 from pipeline.records.parameters import Parameters, read_parameters  # noqa: E402
-from pipeline.records.parameters.harder import overridden  # noqa: E402
+from pipeline.records.parameters.conditions import overridden  # noqa: E402
+from pipeline.records.series import STAGE, TrialSeries  # noqa: E402
 from pipeline.records.tables import MERGED, read_table, rows_of  # noqa: E402
 
 Pair = tuple[str, str]
@@ -82,11 +83,11 @@ LEVERS = {
 }
 
 
-def trials_of(lever: Lever, pair: Pair, parameters: Parameters, trials: int, setting: str) -> list[Any]:
+def trials_of(lever: Lever, pair: Pair, parameters: Parameters, trials: int, condition: str) -> list[Any]:
     """Return the inputs of the first ``trials`` trials of one pair."""
-    harder = parameters.harder.settings[setting] if setting else None
-    evaluate = {**(harder.evaluate if harder else {}), **lever.evaluate}
-    physics = {**(harder.physics if harder else {}), **lever.physics}
+    under = parameters.conditions.settings[condition] if condition else None
+    evaluate = {**(under.evaluate if under else {}), **lever.evaluate}
+    physics = {**(under.changes if under else {}), **lever.physics}
     table = rows_of(read_table(paths.merged_file(pair[0]), MERGED, "merge"), pair)
     hand = load_hand("allegro")
     grasps = accepted_grasps(table, hand, groups_of(hand, parameters.picks))
@@ -107,10 +108,11 @@ def trials_of(lever: Lever, pair: Pair, parameters: Parameters, trials: int, set
     )[:trials]
 
 
-def standard_trials(pairs: list[Pair], trials: int, setting: str) -> pd.DataFrame:
+def standard_trials(pairs: list[Pair], trials: int, condition: str) -> pd.DataFrame:
     """Return the rows of the first ``trials`` trials of every pair that the pipeline has run."""
-    if setting:
-        rows = read_flat(paths.harder_file(setting), PAIR_TRIALS, "evaluate-harder")
+    if condition:
+        series = TrialSeries("synthesized", condition, read_parameters().physics.engine)
+        rows = read_flat(series.table, PAIR_TRIALS, STAGE)
     else:
         files = dict.fromkeys(paths.trials_file("synthesized", first) for first, _ in pairs)
         rows = pd.concat([read_flat(file, PAIR_TRIALS, "evaluate@synthesized") for file in files])
@@ -119,9 +121,9 @@ def standard_trials(pairs: list[Pair], trials: int, setting: str) -> pd.DataFram
 
 
 def spread(parameters: Parameters, count: int) -> list[Pair]:
-    """Return ``count`` pairs: those of ``harder.pairs`` first, then all others in order."""
+    """Return ``count`` pairs: those of ``conditions.pairs`` first, then all others in order."""
     every = [(first, second) for first, seconds in parameters.partners().items() for second in seconds]
-    return list(dict.fromkeys([*((first, second) for first, second in parameters.harder.pairs), *every]))[:count]
+    return list(dict.fromkeys([*((first, second) for first, second in parameters.conditions.pairs), *every]))[:count]
 
 
 def summary(outcomes: dict[str, pd.DataFrame]) -> pd.DataFrame:
@@ -164,33 +166,35 @@ def _timed_trial(inputs: Any) -> dict[str, Any]:
 def main() -> None:
     """Try, count, write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--pairs", type=int, default=16, help="those of harder.pairs first (default: %(default)s)")
+    parser.add_argument("--pairs", type=int, default=16, help="those of conditions.pairs first (default: %(default)s)")
     parser.add_argument("--trials", type=int, default=6, help="per pair and lever (default: %(default)s)")
-    parser.add_argument("--setting", default="", help="a name under harder.settings (default: the standard trials)")
+    parser.add_argument("--condition", default="", help="under conditions.settings (default: the standard trials)")
     parser.add_argument("--levers", nargs="+", choices=list(LEVERS), default=list(LEVERS))
     parser.add_argument("--folder", type=Path, default=Path("reports/unfinished"), help="for rows of single levers")
     chosen = parser.parse_args()
     parameters = read_parameters()
-    if chosen.setting and chosen.setting not in parameters.harder.settings:
-        parser.error(f"--setting must be one of {', '.join(parameters.harder.settings)}")
-    most = parameters.harder.trials if chosen.setting else parameters.evaluate.trials
+    to_run = parameters.conditions.to_run(False, parameters.evaluate, parameters.physics).values()
+    undrawn = {one.condition for one in to_run if not parameters.conditions.settings[one.condition].drawn}
+    if chosen.condition and chosen.condition not in undrawn:
+        parser.error(f"--condition must be one of {', '.join(sorted(undrawn))}")
+    most = parameters.conditions.trials if chosen.condition else parameters.evaluate.trials
     if not 1 <= chosen.trials <= most:
         parser.error(f"--trials must be 1 to {most}, as many as the run has")
-    hard = [(first, second) for first, second in parameters.harder.pairs]
-    pairs = hard[: chosen.pairs] if chosen.setting else spread(parameters, chosen.pairs)
-    digest = hashlib.sha256(f"{parameters.seed} {chosen.trials} {pairs} {chosen.setting}".encode())
-    for section in (parameters.evaluate, parameters.physics, parameters.harder):
+    hard = [(first, second) for first, second in parameters.conditions.pairs]
+    pairs = hard[: chosen.pairs] if chosen.condition else spread(parameters, chosen.pairs)
+    digest = hashlib.sha256(f"{parameters.seed} {chosen.trials} {pairs} {chosen.condition}".encode())
+    for section in (parameters.evaluate, parameters.physics, parameters.conditions):
         digest.update(section.model_dump_json().encode())
     for first in dict.fromkeys(first for first, _ in pairs):
         digest.update(paths.merged_file(first).read_bytes())
-    outcomes = {"standard": standard_trials(pairs, chosen.trials, chosen.setting)}
+    outcomes = {"standard": standard_trials(pairs, chosen.trials, chosen.condition)}
     for name in chosen.levers:
         kept = chosen.folder / f"levers-{digest.hexdigest()[:10]}-{name}.csv"
         if not kept.exists():
             inputs = [
                 trial
                 for pair in pairs
-                for trial in trials_of(LEVERS[name], pair, parameters, chosen.trials, chosen.setting)
+                for trial in trials_of(LEVERS[name], pair, parameters, chosen.trials, chosen.condition)
             ]
             found = pd.DataFrame(fan_out(_timed_trial, inputs, parameters.compute.workers, name))
             kept.parent.mkdir(parents=True, exist_ok=True)
@@ -198,7 +202,7 @@ def main() -> None:
             kept.with_suffix(".tmp").rename(kept)
         outcomes[name] = pd.read_csv(kept, keep_default_na=False)
     table = summary(outcomes)
-    target = Path(f"reports/evaluation_levers{'_' + chosen.setting if chosen.setting else ''}.csv")
+    target = Path(f"reports/evaluation_levers{'_' + chosen.condition if chosen.condition else ''}.csv")
     table.to_csv(target, index=False)
     print(table.to_string(float_format=lambda value: f"{value:.3g}"))
 

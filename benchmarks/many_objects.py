@@ -37,7 +37,7 @@ def parameters_of(count: int, partners: int) -> dict[str, Any]:
         "styles": {"pinch": names, "side": names},
         "pairs": partners,
         "reconstructed": {},
-        "harder": {"pairs": [], "trials": 1, "settings": {}},
+        "conditions": {"pairs": [], "trials": 1, "settings": {}},
     }
 
 
@@ -60,7 +60,7 @@ def fill(folder: Path, parameters: dict[str, Any]) -> None:
         outputs += [f"data/{stage}/{name}.parquet" for name in firsts]
     for stage in ("sample/reconstructed", "evaluate/reconstructed"):
         outputs += [f"data/{stage}/{name}.parquet" for name in parameters["reconstructed"]] or [f"data/{stage}/none"]
-    outputs += ["data/sample/learned/quality.json", "data/evaluate/harder/none", "data/capture/none"]
+    outputs += ["data/sample/learned/quality.json", "data/evaluate/conditions/none", "data/capture/none"]
     outputs += ["data/reconstruct/none", "reports/figures/one.png", *(f"reports/{name}" for name in REPORTS)]
     for stage in yaml.safe_load((folder / "dvc.yaml").read_text())["stages"].values():
         for key in stage.get("foreach", [""]):

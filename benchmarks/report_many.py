@@ -70,7 +70,7 @@ def write_parameters(count: int, partners: int, trials: int) -> list[str]:
     content["objects"] = {name: {**box, "extents": _extents(index)} for index, name in enumerate(names)}
     content["styles"] = {"pinch": names, "side": names}
     content |= {"pairs": partners, "meshes": {}, "renderings": {}, "captures": {}, "reconstructed": {}}
-    content["harder"] = {**content["harder"], "pairs": [], "settings": {}}
+    content["conditions"] = {**content["conditions"], "pairs": [], "settings": {}}
     content["evaluate"]["trials"] = trials
     paths.PARAMETERS_FILE.write_text(yaml.safe_dump(content, sort_keys=False))
     return names

@@ -1,6 +1,6 @@
 """CPU seconds of validation per candidate and per validated grasp, object by object.
 
-    python benchmarks/validation_throughput.py [--grasps 20] [--set contact_offset=0.02] [--set early_rejection=false]
+    python benchmarks/validation_throughput.py [--grasps 20] [--set sapien_contact_offset=0.02] [--set table_test=false]
 
 `--set` changes parameters of `validate` for the run; the contact offset of the paper's code is 0.02 m. Target: at most
 0.8 CPU seconds per validated grasp on average, synthesis included (its share is in reports/durations.json). Needs the

@@ -24,6 +24,7 @@ from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.flat import PAIR_TRIALS, read_flat
 from pipeline.records.parameters import Parameters, read_parameters
+from pipeline.records.series import STAGE
 from pipeline.records.sources import OF_ALL_PAIRS
 from pipeline.records.writing import whole_file
 from pipeline.stages.running import command
@@ -47,7 +48,7 @@ def require_up_to_date() -> None:
 
 
 def all_trials(parameters: Parameters) -> pd.DataFrame:
-    """Return the rows of all standard and harder trials; ``table`` is the source or the setting.
+    """Return the rows of all trials; ``table`` is the source, or the series of trials under a condition.
 
     Raises:
         UserError: a table is missing or damaged.
@@ -58,7 +59,8 @@ def all_trials(parameters: Parameters) -> pd.DataFrame:
         for first, seconds in parameters.partners().items()
         if seconds
     }
-    files |= {(name, ""): (paths.harder_file(name), "evaluate-harder") for name in parameters.harder.settings}
+    to_run = parameters.conditions.to_run(bool(parameters.reconstructed), parameters.evaluate, parameters.physics)
+    files |= {(name, ""): (series.table, STAGE) for name, series in to_run.items()}
     parts = [read_flat(file, PAIR_TRIALS, stage)[COLUMNS].assign(table=key[0]) for key, (file, stage) in files.items()]
     return pd.concat(parts, ignore_index=True)[["table", *COLUMNS]]
 

@@ -9,7 +9,8 @@ from typing import Any
 import pandas as pd
 
 from pipeline.records.parameters.pairs import partners
-from pipeline.records.sources import OF_ALL_PAIRS
+from pipeline.records.series import STAGE, series_of
+from pipeline.records.sources import OF_ALL_PAIRS, SOURCES
 from pipeline.report.paper import (
     MEAN_SUCCESS,
     MINIMUM_SUCCESS,
@@ -21,7 +22,8 @@ from pipeline.report.paper import (
 from pipeline.report.rates import PairTrials, mean, pair_trials, wilson_interval
 
 STANDARD = {name: source.abbreviation for name, source in OF_ALL_PAIRS.items()}
-STAGES = ("prepare", "synthesize", "validate", "merge", "train", "sample", "evaluate", "evaluate-harder")
+EARLIER_STAGE = "evaluate-harder"  # in results that were published before conditions were columns of one table
+STAGES = ("prepare", "synthesize", "validate", "merge", "train", "sample", "evaluate", STAGE, EARLIER_STAGE)
 # Names in results that were published before stages were named by style and source.
 EARLIER_SOURCES = {"data/merge": "synthesized", "data/train": "learned"}
 BLOCK = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -127,7 +129,7 @@ def failures(trials: pd.DataFrame, tables: Sequence[str]) -> str:
 
 
 def harder(trials: pd.DataFrame, parameters: Parameters) -> str:
-    """Successes under harder settings beside those of the same standard trials."""
+    """Successes under the settings of an earlier result, with grasps of one source each, beside standard trials."""
     section = parameters["harder"]
     pairs = [(first, second) for first, second in section["pairs"]]
     sources = {
@@ -154,6 +156,28 @@ def harder(trials: pd.DataFrame, parameters: Parameters) -> str:
     )
     rows.append(["no motion found", *(str(sum(p.planning_failures for p in own)) for own in columns.values())])
     return markdown([f"successes of {section['trials']} trials", *columns], rows)
+
+
+def conditions(trials: pd.DataFrame, parameters: Parameters) -> str:
+    """Success of every source under every condition: mean over pairs, 95 % interval of all trials, worst pair."""
+    section = parameters["conditions"]
+    pairs = {(first, second) for first, second in section["pairs"]}
+    cells: dict[str, dict[str, str]] = {}
+    for table, own in trials[trials["trial"] < section["trials"]].groupby("table", sort=False):
+        series = series_of(str(table))
+        source, column = (series.source, f"{spoken(series.condition)}, {series.engine}") if series else (table, "paper")
+        tried = of_pairs(own, [pair for pair in _pairs_in(own) if series or pair in pairs])
+        low, high = wilson_interval(sum(pair.successes for pair in tried), sum(pair.trials for pair in tried))
+        rates = [pair.success_rate for pair in tried]
+        text = f"**{percent(mean(rates))}** ({percent(low)} to {percent(high)}), worst {percent(min(rates), 0)}"
+        cells.setdefault(str(source), {})[column] = text
+    columns = list(dict.fromkeys(column for own in cells.values() for column in own))
+    rows = [[SOURCES[source].title, *(own.get(column, "") for column in columns)] for source, own in cells.items()]
+    return markdown(["", *columns], rows)
+
+
+def _pairs_in(trials: pd.DataFrame) -> list[tuple[str, str]]:
+    return list(dict.fromkeys(zip(trials["object0"], trials["object1"], strict=True)))
 
 
 def single_grasps(summary: Mapping[str, Any], durations: Mapping[str, Any], parameters: Parameters) -> str:
@@ -215,6 +239,8 @@ def cost(durations: Mapping[str, Mapping[str, float]], trials: pd.DataFrame) -> 
             if stage == kind or stage.startswith((f"{kind}-", f"{kind}@"))
             if not stage.startswith(left_out)
         }
+        if not own:
+            continue
         longest = max(own, key=lambda stage: own[stage]["wall_seconds"])
         wall, cpu = (sum(values[key] for values in own.values()) for key in ("wall_seconds", "cpu_seconds"))
         memory = max(values["peak_megabytes_largest_process"] for values in own.values())
@@ -223,7 +249,7 @@ def cost(durations: Mapping[str, Mapping[str, float]], trials: pd.DataFrame) -> 
     standard = trials["table"].isin(list(STANDARD))
     for name, stages, count in (
         ("standard", tuple(f"evaluate{mark}" for source in STANDARD for mark in _marks(source)), standard.sum()),
-        ("harder", ("evaluate-harder",), (~standard).sum()),
+        ("other", (STAGE, EARLIER_STAGE), (~standard).sum()),
     ):
         if count:
             rows.append([f"one {name} trial", "", "", f"{_cpu_seconds(durations, stages) / int(count):.2f} s", "", ""])
@@ -237,16 +263,18 @@ def published_tables(
 
     Args:
         summary, durations: ``reports/summary.json`` and ``reports/durations.json``.
-        trials: all rows of the standard and the harder trials; ``table`` is the source or the setting.
+        trials: all rows of all trials; ``table`` is the source, or the series or earlier setting.
         parameters: the content of ``params.yaml``.
     """
     pairs = [(first, second) for first, seconds in partners_of(parameters).items() for second in seconds]
+    others = [name for name in trials["table"].unique() if name not in STANDARD]
+    section, of_section = ("harder", harder) if "harder" in parameters else ("conditions", conditions)
     return {
         "success": headline(trials, pairs),
         "synthesized": matrix(trials, "synthesized", parameters),
         "learned": matrix(trials, "learned", parameters),
-        "failures": failures(trials, [*STANDARD, *parameters["harder"]["settings"]]),
-        "harder": harder(trials, parameters),
+        "failures": failures(trials, [*STANDARD, *others]),
+        section: of_section(trials, parameters),
         "single_grasps": single_grasps(summary, durations, parameters),
         "merges": merges(summary, parameters),
         "cost": cost(durations, trials),

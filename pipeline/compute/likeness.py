@@ -18,6 +18,7 @@ PACKAGES = (
     "coal",
     "manifold3d",
     "mani-skill",
+    "mujoco-core",
     "numpy",
     "open3d",
     "opencv-python",

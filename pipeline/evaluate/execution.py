@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.evaluate.disturbance import Disturbance, believed_pose
 from pipeline.evaluate.scene import START_ARM, START_HAND, Scene
 from pipeline.evaluate.sequence import Phase, Posture
 from pipeline.records.ordinals import ORDINALS
@@ -46,6 +48,8 @@ class Run:
     pushes: NDArray[np.float64] = field(init=False)  # (n,) m, of objects before their fingers close
     under_way: str = ""  # phase being carried out
     watch: Callable[[Run], None] | None = None  # called after every control period; looks on and changes nothing
+    disturbance: Disturbance | None = None
+    _late: deque[tuple[Any, Any]] = field(default_factory=deque)  # targets and their velocities on their way
 
     def __post_init__(self) -> None:
         self.heights, self.pushes = np.zeros(self.count), np.zeros(self.count)
@@ -79,17 +83,49 @@ class Run:
             self._end_phase(phase.name)
             self._judge(name, number)
 
-    def _follow(self, phase: Phase) -> None:
-        self.under_way = phase.name
-        for arm, velocity, hand in zip(phase.arm, phase.arm_velocity, phase.hand, strict=True):
-            self._control(arm, hand, velocity)
+    def _follow(self, phase: Phase, after_each: Callable[[], None] = lambda: None) -> None:
+        """Carry out the control periods of a phase.
 
-    def _control(self, arm: NDArray[np.float64], hand: NDArray[np.float64], arm_velocity: NDArray[np.float64]) -> None:
-        """Set targets for one control period and let it pass."""
-        self.posture = Posture(arm, hand)
-        self.scene.robot.set_targets(np.concatenate([arm, hand]), np.concatenate([arm_velocity, np.zeros_like(hand)]))
+        Args:
+            after_each: called after every control period.
+        """
+        self.under_way = phase.name
+        shoves = self._shoves(phase)
+        for period, (arm, velocity, hand) in enumerate(zip(phase.arm, phase.arm_velocity, phase.hand, strict=True)):
+            self.posture = Posture(arm, hand)
+            self._send(np.concatenate([arm, hand]), np.concatenate([velocity, np.zeros_like(hand)]))
+            self._pass(shoves.get(period, ()))
+            after_each()
+
+    def _send(self, q: NDArray[np.float64], velocity: NDArray[np.float64]) -> None:
+        """Give the drives targets (R,), rad and rad/s, or those sent as many control periods ago as they are late."""
+        if self.disturbance is None:
+            self.scene.robot.set_targets(q, velocity)
+            return
+        self._late.append((q - self.disturbance.joint_errors, velocity))
+        if len(self._late) > self.disturbance.latency:
+            self.scene.robot.set_targets(*self._late.popleft())
+
+    def _shoves(self, phase: Phase) -> dict[int, NDArray[np.float64]]:
+        """Return the forces (k, 3), N, on the first k objects, which are in the hand, by control period of a phase."""
+        name, _, ordinal = phase.name.partition(" ")
+        carried = {"approach": ORDINALS.index(ordinal) if ordinal else 0, "hold": self.count}.get(name, 0)
+        if self.disturbance is None or not carried:
+            return {}
+        length = round(self.disturbance.shove_seconds * self.settings.control_frequency)
+        begin = len(phase.arm) // 2
+        return dict.fromkeys(range(begin, begin + max(length, 1)), self.disturbance.shoves[:carried])
+
+    def _pass(self, shoves: Sequence[NDArray[np.float64]] | NDArray[np.float64]) -> None:
+        """Let one control period pass, with forces (3,), N, on the first objects."""
         count = self.scene.world.frequency // self.settings.control_frequency
-        self.scene.world.step(count)
+        if len(shoves):
+            for _ in range(count):
+                for body, force in zip(self.scene.objects, shoves, strict=False):
+                    body.push(force)
+                self.scene.world.step()
+        else:
+            self.scene.world.step(count)
         self.steps += count
         if self.watch:
             self.watch(self)
@@ -114,11 +150,13 @@ class Run:
                     raise Ended(_slip(number) if index == number else _lost(index))
 
     def _hold(self, phase: Phase) -> None:
-        self.under_way = phase.name
         lowest = self.heights
-        for arm, velocity, hand in zip(phase.arm, phase.arm_velocity, phase.hand, strict=True):
-            self._control(arm, hand, velocity)
+
+        def look() -> None:
+            nonlocal lowest
             lowest = np.minimum(lowest, [self.height(index) for index in range(self.count)])
+
+        self._follow(phase, look)
         self._end_phase(phase.name)
         self.heights = lowest
         if lowest.min() < self.settings.success_height:
@@ -142,7 +180,31 @@ class Run:
 
     def pose_in_hand(self, index: int) -> NDArray[np.float64]:
         """``T_hand_object`` (4, 4) of one object now."""
-        return inverse_pose(_known(self.scene.robot.link_pose(self.scene.hand.link_names[0]))) @ self.pose(index)
+        return inverse_pose(self._hand_pose()) @ self.pose(index)
+
+    def _hand_pose(self) -> NDArray[np.float64]:
+        return _known(self.scene.robot.link_pose(self.scene.hand.link_names[0]))
+
+    def measured_posture(self) -> Posture:
+        """Where the arm is told to be, and where the hand's joints are measured."""
+        q, arm = self.scene.robot.q, len(self.posture.arm)
+        errors = 0.0 if self.disturbance is None else self.disturbance.joint_errors
+        return Posture(self.posture.arm, (q + errors)[arm:])
+
+    def believed_pose(self, index: int, resting: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+        """``T_world_object`` (4, 4) of one object as the robot believes it to be now.
+
+        Args:
+            resting: (V, 3) vertices of an object that rests on something, whose height is known.
+        """
+        if self.disturbance is None:
+            return self.pose(index)
+        errors = self.disturbance.position_errors[index], self.disturbance.rotation_errors[index]
+        return believed_pose(self.pose(index), *errors, resting)
+
+    def believed_in_hand(self, index: int) -> NDArray[np.float64]:
+        """``T_hand_object`` (4, 4) of one held object as the robot believes it to be now."""
+        return inverse_pose(self._hand_pose()) @ self.believed_pose(index)
 
     def _end_phase(self, phase: str) -> None:
         """Name the phase that was completed and remember what the scene looks like."""

@@ -79,6 +79,7 @@ def inputs_of(source: str, objects: Sequence[str], parameters: dict[str, Any], h
         parameters["evaluate"],
         parameters["physics"],
         parameters["seed"],
+        parameters.get("distribution"),
     )
 
 
@@ -94,7 +95,12 @@ def trial_digests(source: str, objects: Sequence[str], parameters: dict[str, Any
     grasps = grasps_of(source, objects, parameters, hand)
     settings = parameters["evaluate"]
     # Settings that decide which trials there are do not change those that there are anyway.
-    same = settings.model_copy(update={"trials": 0}), parameters["physics"], parameters["picks"]
+    same = (
+        settings.model_copy(update={"trials": 0}),
+        parameters["physics"],
+        parameters["picks"],
+        parameters.get("distribution"),
+    )
     common = digest(source, digests, same)
     known = [digest(grasp) for grasp in grasps]
     return [

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,6 +27,7 @@ SPONGE_DROP = 0.004  # m
 FREE_SHARE = (0.5, 0.5)
 HELD_SHARE = (0.5, 0.15)
 LINE_SHARE = (0.3, 0.1)
+APPROACH_WORLDS = 3
 SPLINE_SPACINGS = (0.15, 0.05)  # rad; the finer one follows the path more closely
 
 
@@ -78,11 +81,14 @@ class _Worlds:
         low, high = support_obstacles(settings, SPONGE_DROP), support_obstacles(settings, 0.0)
         others, held, name = [*task.others], [*task.held], task.target.name
         self.arm: ArmModel = ArmModel(task.hand_q, task.hand)
-        # Clearance first; then touching; then a sponge so low that resting fingers are not in it.
-        self.approach: list[CollisionWorld] = [
-            CollisionWorld(self.arm, [*supports, *others, task.target], held, margin=margin)
-            for supports, margin in ((high, settings.planning_margin), (high, 0.0), (low, 0.0))
-        ]
+
+        @cache
+        def approach(place: int) -> CollisionWorld:
+            # Clearance first; then touching; then a sponge so low that resting fingers are not in it.
+            supports, margin = ((high, settings.planning_margin), (high, 0.0), (low, 0.0))[place]
+            return CollisionWorld(self.arm, [*supports, *others, task.target], held, margin=margin)
+
+        self.approach: Callable[[int], CollisionWorld] = approach  # made when they are needed
         self.entry = CollisionWorld(self.arm, [*low, *others, task.target], held, allowed=[name])
         grasped = task.target.at(task.T_hand_target)
         self.lift = CollisionWorld(ArmModel(task.closed_q, task.hand), [*low, *others], [*held, grasped])
@@ -102,15 +108,16 @@ def plan_pick(task: PickTask, settings: EvaluateParameters, rng: np.random.Gener
     solutions = solve(
         worlds.arm, T_base_hand, task.arm_q, rng, lambda q: worlds.entry.is_free(q) and worlds.lift.is_free(q)
     )
-    lines = []
-    for q in solutions:
-        lift = hand_line(worlds.arm, q, [0.0, 0.0, task.lift_height], worlds.lift.is_free)
-        if lift is not None:
-            lines.append((q, lift))
+
+    @cache
+    def lift_of(number: int) -> NDArray[np.float64] | None:
+        return hand_line(worlds.arm, solutions[number], [0.0, 0.0, task.lift_height], worlds.lift.is_free)
+
     for length in task.lengths:
-        for q, lift in lines:
-            back = hand_line(worlds.arm, q, length * task.direction, worlds.entry.is_free)
-            if back is None:
+        for number, q in enumerate(solutions):
+            lift = lift_of(number)
+            back = None if lift is None else hand_line(worlds.arm, q, length * task.direction, worlds.entry.is_free)
+            if lift is None or back is None:
                 continue
             pick = _timed(task, worlds, back[::-1].copy(), lift, settings, rng)
             if pick is not None:
@@ -147,12 +154,13 @@ def _approach(
     from pipeline.motion.timing import time_path
 
     arm, share = worlds.arm, HELD_SHARE if task.held else FREE_SHARE
-    for world in worlds.approach:
+    for place in range(APPROACH_WORLDS):
+        world = worlds.approach(place)
         path = plan(world.is_free, task.arm_q, goal, arm.lower, arm.upper, rng)
         if path is None:
             continue
         for spacing in SPLINE_SPACINGS:
             motion = time_path(arm, path, settings.control_frequency, *share, spacing=spacing)
-            if motion is not None and worlds.approach[-1].all_free(motion.positions):
+            if motion is not None and worlds.approach(APPROACH_WORLDS - 1).all_free(motion.positions):
                 return motion
     return None

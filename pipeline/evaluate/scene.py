@@ -8,8 +8,9 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from pipeline.evaluate.disturbance import Disturbance, weighted
 from pipeline.hand.model import Hand
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.evaluate import EvaluateParameters
@@ -25,6 +26,29 @@ if TYPE_CHECKING:
 # an object of 10 cm.
 START_ARM = np.array([-0.1477, -0.6262, 0.1268, -2.5457, 0.0791, 1.9223, 1.4988])  # rad
 START_HAND = np.array([0.0, 0.7, 0.0, 0.4] * 3 + [1.0, 0.0, 0.0, 0.0])  # rad. Paper's code.
+
+
+@dataclass(frozen=True)
+class OffCentre:
+    """An object whose frame has its origin beside its centre of mass, where the engine has that of ``body``."""
+
+    body: Body
+    centre: NDArray[np.float64]  # (3,) m, centre of mass in the object's frame
+
+    @property
+    def pose(self) -> NDArray[np.float64]:
+        """``T_world_object`` (4, 4)."""
+        T = self.body.pose
+        T[:3, 3] -= T[:3, :3] @ self.centre
+        return T
+
+    def link_impulses(self) -> dict[str, NDArray[np.float64]]:
+        """Return the impulse (3,), N s, world frame, from each touching link in the last step."""
+        return self.body.link_impulses()
+
+    def push(self, force: ArrayLike) -> None:
+        """Apply a force (3,), N, world frame, at the centre of mass during the next step."""
+        self.body.push(force)
 
 
 @dataclass(frozen=True)
@@ -110,6 +134,7 @@ def build_scene(
     poses: Sequence[NDArray[np.float64]],
     others: Sequence[tuple[PreparedObject, NDArray[np.float64]]] = (),
     posts: Sequence[Post] = (),
+    disturbance: Disturbance | None = None,
 ) -> Scene:
     """Build the physics of one sequence, robot in its start posture; nothing has moved yet.
 
@@ -117,10 +142,11 @@ def build_scene(
         poses: ``T_world_object`` (4, 4) of the objects.
         others: objects that stand around, with their ``T_world_object``.
         posts: what stands on the sponge and does not move.
+        disturbance: what changes ``physics`` and the objects' masses.
     """
     from pipeline.physics.world import make_world
 
-    world = make_world(physics)
+    world = make_world(disturbance.physics(physics) if disturbance else physics)
     robot = world.add_arm(hand, np.concatenate([START_ARM, START_HAND]))
     sponge = np.array([SPONGE_SIZE, SPONGE_SIZE, settings.sponge_height])
     world.add_box(np.array(TABLE_SIZE) / 2, _centred(TABLE_X, -TABLE_SIZE[2] / 2), "table")
@@ -129,9 +155,24 @@ def build_scene(
         world.add_box(np.array(post.size) / 2, post.pose(settings), "post")
     bodies = [
         world.add_object(prepared, T, f"object{index}")
-        for index, (prepared, T) in enumerate([*zip(objects, poses, strict=True), *others])
+        if disturbance is None
+        else _off_centre(world, prepared, T, index, disturbance)
+        for index, (prepared, T) in enumerate(zip(objects, poses, strict=True))
     ]
-    return Scene(world=world, hand=hand, robot=robot, objects=tuple(bodies[: len(objects)]))
+    for index, (prepared, T) in enumerate(others, start=len(objects)):
+        world.add_object(prepared, T, f"object{index}")
+    return Scene(world=world, hand=hand, robot=robot, objects=tuple(bodies))
+
+
+def _off_centre(
+    world: World, prepared: PreparedObject, T_world_object: NDArray[np.float64], index: int, disturbance: Disturbance
+) -> OffCentre:
+    """Add an object with the mass and the centre of mass that were drawn."""
+    centre = disturbance.centre_offsets[index]
+    T = T_world_object.copy()
+    T[:3, 3] += T[:3, :3] @ centre
+    own = weighted(prepared, disturbance.mass_factors[index], centre)
+    return OffCentre(world.add_object(own, T, f"object{index}"), centre)
 
 
 def support_obstacles(settings: EvaluateParameters, sponge_drop: float) -> list[Obstacle]:

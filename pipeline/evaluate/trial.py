@@ -13,14 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.compute.shared import Shared
+from pipeline.evaluate.disturbance import Disturbance, draw, undrawn
 from pipeline.evaluate.execution import Ended, Run
 from pipeline.evaluate.grasps import SequenceGrasp, grasp_orders
 from pipeline.evaluate.moves import SPONGE_DROP, Pick, plan_pick
 from pipeline.evaluate.scene import build_scene, object_obstacle, placed, placement_offsets, post_obstacle, posts_of
-from pipeline.evaluate.sequence import Posture, Surroundings, pick_phases, pick_task, plan_all, rest_phase
+from pipeline.evaluate.sequence import Surroundings, pick_phases, pick_task, plan_all, rest_phase
 from pipeline.hand.model import Hand
+from pipeline.hand.robot import robot_joint_names
 from pipeline.records.objects import PreparedObject
 from pipeline.records.ordinals import ORDINALS
+from pipeline.records.parameters.conditions import DistributionParameters
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.picks import PickParameters
@@ -44,6 +47,7 @@ class TrialInput:
     settings: EvaluateParameters
     physics: PhysicsParameters
     seed: int
+    distribution: DistributionParameters | None = None  # from which the trial draws, if anything
 
 
 def _choose(
@@ -67,14 +71,21 @@ def _choose(
     return None, None, len(grasps), reason
 
 
-def _try(run: Run, grasp: SequenceGrasp, pick: Pick | None, around: Surroundings, rng: np.random.Generator) -> None:
+def _try(
+    run: Run,
+    objects: Sequence[PreparedObject],
+    grasp: SequenceGrasp,
+    pick: Pick | None,
+    around: Surroundings,
+    rng: np.random.Generator,
+) -> None:
     """Pick the first object, then plan and pick every further one from what is measured."""
     settings = run.settings
     for number in range(len(grasp.picks)):
         if number:
-            measured = Posture(run.posture.arm, run.scene.robot.q[len(run.posture.arm) :])
-            now = around.moved(number, run.pose(number))
-            task = pick_task(number, grasp, run.scene.hand, now, measured, run.held_poses, settings)
+            now = around.moved(number, run.believed_pose(number, objects[number].vertices))
+            held = [run.believed_in_hand(index) for index in range(number)]
+            task = pick_task(number, grasp, run.scene.hand, now, run.measured_posture(), held, settings)
             pick = plan_pick(task, settings, rng)
         if pick is None:
             raise Ended(TrialReason[f"plan_{ORDINALS[number]}".upper()])
@@ -101,14 +112,24 @@ def carry_out(
     grasp, attempts = None, 0
     try:
         run.settle(rest_phase("settle", run.posture, run.settings.settle_seconds, run.settings))
-        obstacles = [object_obstacle(item, f"object{index}").at(run.pose(index)) for index, item in enumerate(objects)]
+        obstacles = [
+            object_obstacle(item, f"object{index}").at(run.believed_pose(index, item.vertices))
+            for index, item in enumerate(objects)
+        ]
         around = Surroundings(tuple(obstacles), tuple(others))
         grasp, pick, attempts, reason = _choose(grasps, run, around, rng)
         if grasp is not None:
-            _try(run, grasp, pick, around, rng)
+            _try(run, objects, grasp, pick, around, rng)
     except Ended as end:
         reason = end.reason
     return grasp, attempts, reason
+
+
+def disturbance_of(inputs: TrialInput) -> Disturbance | None:
+    """Return what a trial draws besides the placement of its objects."""
+    if inputs.distribution is None:
+        return None
+    return draw(inputs.distribution, inputs.seed, len(inputs.picks), len(robot_joint_names(inputs.hand)))
 
 
 def run_trial(inputs: TrialInput, watch: Callable[[Run], None] | None = None) -> dict[str, Any]:
@@ -124,8 +145,9 @@ def run_trial(inputs: TrialInput, watch: Callable[[Run], None] | None = None) ->
     settings, picks = inputs.settings, inputs.picks
     offsets = placement_offsets(len(picks), settings, rng)
     poses, posts = placed(picks, inputs.objects, settings, offsets), posts_of(picks, settings)
-    scene = build_scene(inputs.hand, inputs.objects, settings, inputs.physics, poses, posts=posts)
-    run = Run(scene, settings, rest=[body.pose for body in scene.objects], watch=watch)
+    drawn = disturbance_of(inputs)
+    scene = build_scene(inputs.hand, inputs.objects, settings, inputs.physics, poses, posts=posts, disturbance=drawn)
+    run = Run(scene, settings, rest=[body.pose for body in scene.objects], watch=watch, disturbance=drawn)
     obstacles = [post_obstacle(post, settings, SPONGE_DROP) for post in posts]
     grasp, attempts, reason = carry_out(run, inputs.objects, inputs.grasps, rng, obstacles)
     return {
@@ -135,6 +157,7 @@ def run_trial(inputs: TrialInput, watch: Callable[[Run], None] | None = None) ->
         "merged_id": -1 if grasp is None else grasp.merged_id,
         "seed": inputs.seed,
         "offsets": list(offsets),
+        **(drawn.columns() if drawn else undrawn()),
         "planning_attempts": attempts,
         **run.outcome(reason),
     }
@@ -174,11 +197,13 @@ def trial_inputs(
     settings: EvaluateParameters,
     physics: PhysicsParameters,
     run_seed: int,
+    distribution: DistributionParameters | None = None,
 ) -> list[TrialInput]:
     """Return the inputs of all trials with some objects.
 
     Args:
         grasps: the preferred first; when there are more than trials, the first ones are tried.
+        distribution: from which every trial draws, if anything.
     """
     names = [prepared.name for prepared in objects]
     return [
@@ -192,6 +217,7 @@ def trial_inputs(
             settings=settings,
             physics=physics,
             seed=drawn.seed,
+            distribution=distribution,
         )
         for trial, drawn in enumerate(draws(source, names, len(grasps), settings, run_seed))
     ]

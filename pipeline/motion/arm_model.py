@@ -6,6 +6,7 @@ arm joint. The model is built anew for every hand posture, which takes milliseco
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -64,18 +65,22 @@ class ArmModel:
         pose: NDArray[np.float64] = self._data.oMf[self._frame].homogeneous.copy()
         return pose
 
-    def pose_error(
-        self, q: NDArray[np.float64], T_base_hand: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the twist (6,) from the hand's pose at ``q`` to a goal, and the Jacobian (6, 7).
+    def pose_errors(
+        self, T_base_hand: NDArray[np.float64]
+    ) -> Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]:
+        """Return a function from arm joints (7,) to the twist (6,) from the hand's pose to a goal, and the Jacobian.
 
-        Both in the hand frame, linear part first, m and rad.
+        The Jacobian is (6, 7); both are in the hand frame, linear part first, m and rad.
         """
-        pin.computeJointJacobians(self.model, self._data, q)
-        pin.updateFramePlacement(self.model, self._data, self._frame)
-        J = pin.getFrameJacobian(self.model, self._data, self._frame, pin.LOCAL)
+        model, data, frame = self.model, self._data, self._frame
         goal = pin.SE3(T_base_hand[:3, :3], T_base_hand[:3, 3])
-        return pin.log6(self._data.oMf[self._frame].actInv(goal)).vector, J
+
+        def error(q: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+            pin.computeJointJacobians(model, data, q)
+            placement = pin.updateFramePlacement(model, data, frame)
+            return pin.log6(placement.actInv(goal)).vector, pin.getFrameJacobian(model, data, frame, pin.LOCAL)
+
+        return error
 
     @property
     def T_link7_hand(self) -> NDArray[np.float64]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import coal
@@ -59,6 +60,7 @@ def overlap(one: Obstacle, other: Obstacle) -> bool:
     )
 
 
+@lru_cache(maxsize=4)  # worlds of one pick share their arm models
 def _hand_hull(arm: ArmModel) -> Any:
     """Convex hull of flange, mount and hand, in the frame of the last joint."""
     points = []

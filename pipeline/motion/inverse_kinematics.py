@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -32,14 +33,17 @@ def solve_from(
         T_base_hand: (4, 4) goal.
         q: (7,) start, rad.
     """
-    q = np.clip(q, arm.lower, arm.upper)
+    lower, upper, unit = arm.lower, arm.upper, np.eye(6)
+    q = np.minimum(np.maximum(q, lower), upper)
+    error_at = arm.pose_errors(T_base_hand)
     for _ in range(iterations):
-        error, J = arm.pose_error(q, T_base_hand)
-        if np.linalg.norm(error[:3]) < POSITION_TOLERANCE and np.linalg.norm(error[3:]) < ROTATION_TOLERANCE:
+        error, J = error_at(q)
+        position, rotation = error[:3], error[3:]
+        if math.sqrt(position @ position) < POSITION_TOLERANCE and math.sqrt(rotation @ rotation) < ROTATION_TOLERANCE:
             return q
-        step = J.T @ np.linalg.solve(J @ J.T + (0.5 * error @ error + LEAST_DAMPING) * np.eye(6), error)
+        step = J.T @ np.linalg.solve(J @ J.T + (0.5 * error @ error + LEAST_DAMPING) * unit, error)
         step *= min(1.0, LONGEST_STEP / max(np.abs(step).max(), 1e-12))
-        q = np.clip(q + step, arm.lower, arm.upper)
+        q = np.minimum(np.maximum(q + step, lower), upper)
     return None
 
 

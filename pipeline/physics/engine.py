@@ -34,6 +34,10 @@ class Body(Protocol):
         """
         ...
 
+    def push(self, force: ArrayLike) -> None:
+        """Apply ``force`` (3,), N, world frame, at the centre of mass of an object during the next step."""
+        ...
+
 
 class Carrier(Body, Protocol):
     """A box that moves as it is told and pushes aside or carries along what touches it."""
@@ -78,6 +82,14 @@ class World(Protocol):
 
     def step(self, count: int = 1) -> None:
         """Advance by ``count`` steps."""
+        ...
+
+    def squeeze(self, robot: Robot, q: ArrayLike) -> None:
+        """Set drive targets ``q`` (n,), rad, of a hand that was added with objects in its grasp; nothing moved yet.
+
+        An engine in which a sudden squeeze would throw objects away brings the targets there gently, and without
+        gravity, before this returns.
+        """
         ...
 
     def add_hand(self, hand: Hand, T_world_hand: ArrayLike, q: ArrayLike) -> Robot:

@@ -2,13 +2,15 @@
 
 The world frame is the hand frame (fixed in space). Gravity directions are given in the frame of the
 FIRST object at the grasp, and rotated into the hand frame with its pose. Every direction is a world of its own that
-begins with hand and objects at rest in the grasp and all finger drives set to the squeeze target at once.
+begins with hand and objects at rest in the grasp, in which the hand begins to squeeze. With two engines, a direction
+is tested in both, and ends as badly as in the worse one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +54,15 @@ class Outcome:
     rotation: tuple[float, ...]  # rad, likewise
     in_contact: tuple[bool, ...]  # an assigned link presses at the end
     any_contact: tuple[bool, ...]  # some hand link presses at the end: the paper's rule
+
+    def worse(self, other: Outcome) -> Outcome:
+        """Return the worse of two outcomes in everything: it is held if and only if both are."""
+        return Outcome(
+            drift=tuple(np.maximum(self.drift, other.drift).tolist()),  # not a number if one is not
+            rotation=tuple(np.maximum(self.rotation, other.rotation).tolist()),
+            in_contact=tuple(np.logical_and(self.in_contact, other.in_contact).tolist()),
+            any_contact=tuple(np.logical_and(self.any_contact, other.any_contact).tolist()),
+        )
 
     def held(self, limits: ValidateParameters) -> bool:
         """Whether every object is pressed by a link that is meant to hold it, and moved within the limits."""
@@ -134,8 +145,8 @@ def hold_in_gravities(
 ) -> Holding:
     """Test the grasp in every direction of ``limits.gravity_directions``, in that order.
 
-    With ``limits.early_rejection`` the test ends after the first direction in which an object is not held (see
-    :meth:`Outcome.held`).
+    With ``limits.early_rejection`` the test ends after the first direction, and in it the first engine, in which an
+    object is not held (see :meth:`Outcome.held`).
 
     Args:
         q: (J,) joint angles at the start.
@@ -146,10 +157,15 @@ def hold_in_gravities(
     total = 0
     for direction in limits.gravity_directions:
         gravity = gravity_vector(direction, objects[0].T_hand_object)
-        outcome, steps = _hold(settings, limits, objects, q, squeeze_q, gravity, hand)
-        outcomes.append(outcome)
-        total += steps
-        if limits.early_rejection and not outcome.held(limits):
+        ends = []
+        for engine in settings.engines:
+            outcome, steps = _hold(settings.in_engine(engine), limits, objects, q, squeeze_q, gravity, hand)
+            ends.append(outcome)
+            total += steps
+            if limits.early_rejection and not outcome.held(limits):
+                break
+        outcomes.append(reduce(Outcome.worse, ends))
+        if limits.early_rejection and not outcomes[-1].held(limits):
             break
     return holding_of(limits.gravity_directions, outcomes, limits, total)
 
@@ -174,11 +190,12 @@ def _hold(
 def place_rig(world: World, grasp: HeldGrasp, T_world_hand: NDArray[np.float64]) -> list[Body]:
     """Add a squeezing hand at ``T_world_hand`` (4, 4) to a world, and its objects in the grasp, which are returned."""
     robot = world.add_hand(grasp.hand, T_world_hand, grasp.q)
-    robot.set_targets(grasp.squeeze_q)
-    return [
+    bodies = [
         world.add_object(held.prepared, T_world_hand @ held.T_hand_object, f"object_{index}")
         for index, held in enumerate(grasp.objects)
     ]
+    world.squeeze(robot, grasp.squeeze_q)
+    return bodies
 
 
 def _run(world: World, bodies: Sequence[Body], objects: Sequence[HeldObject], steps: int) -> int:

@@ -56,8 +56,13 @@ def hold_all_in_gravities(
     """Do what ``holding.hold_in_gravities`` does for every grasp, direction by direction.
 
     Raises:
-        UserError: there is no CUDA device.
+        UserError: there is no CUDA device, or SAPIEN is not the only engine.
     """
+    if settings.engine != "sapien":
+        raise UserError(
+            f"validate.device is cuda, which only SAPIEN can use, but physics.engine is {settings.engine}; set the "
+            "device to cpu, or the engine to sapien."
+        )
     require_cuda()
     settings = limits.for_floating_hand(settings)
     outcomes: list[list[Outcome]] = [[] for _ in grasps]

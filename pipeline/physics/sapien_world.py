@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from sapien import physx
 
 from pipeline.hand.model import Hand
+from pipeline.physics.engine import Robot
 from pipeline.physics.sapien_bodies import SapienBody, box_component, free_component, place
 from pipeline.physics.sapien_robots import SapienRobot, build_robot
 from pipeline.records.objects import PreparedObject
@@ -56,6 +57,10 @@ class SapienWorld:
         for _ in range(count):
             self.system.step()
 
+    def squeeze(self, robot: Robot, q: ArrayLike) -> None:
+        """Set drive targets ``q`` (n,), rad, at once."""
+        robot.set_targets(q)
+
     def add_hand(self, hand: Hand, T_world_hand: ArrayLike, q: ArrayLike) -> SapienRobot:
         """Add a hand alone, root link at ``T_world_hand`` (4, 4), at rest at ``q`` (J,), rad."""
         return self._add_robot(build_robot(self.scene, self.settings, False, T_world_hand, hand), q)
@@ -95,9 +100,9 @@ class SapienWorld:
 
 def configure(settings: PhysicsParameters, gravity: ArrayLike) -> None:
     """Give the next PhysX system of this process its settings and ``gravity`` (3,), m/s2, world frame."""
-    physx.set_shape_config(contact_offset=settings.contact_offset, rest_offset=0.0)
+    physx.set_shape_config(contact_offset=settings.sapien.contact_offset, rest_offset=0.0)
     physx.set_body_config(
-        solver_position_iterations=settings.position_iterations,
+        solver_position_iterations=settings.sapien.position_iterations,
         solver_velocity_iterations=VELOCITY_ITERATIONS,
         sleep_threshold=SLEEP_THRESHOLD,
     )

@@ -33,7 +33,8 @@ def settle_grasp(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return joint angles (J,) and ``T_hand_object`` (4, 4) as physics leaves them after a gentle squeeze.
 
-    Without gravity, whose direction changes on the way, and without another object; waiting fingers are straight.
+    Without gravity, whose direction changes on the way, and without another object; waiting fingers are straight. It
+    shows where the object ends and is no test, so of two engines the first is taken.
 
     Args:
         T_hand_object: (4, 4) in the synthesized grasp.
@@ -43,7 +44,7 @@ def settle_grasp(
     start, target = q.copy(), squeeze_q.copy()
     joints = finger_joints(waiting, hand)
     start[joints] = target[joints] = straight(waiting, hand)  # away from the object
-    world = make_world(settings, np.zeros(3))
+    world = make_world(settings.in_engine(settings.engines[0]), np.zeros(3))
     robot = world.add_hand(hand, np.eye(4), start)
     body = world.add_object(prepared, T_hand_object, "object")
     for step in range(1, RAMP_STEPS + 1):

@@ -8,6 +8,7 @@ same as a hand that moves in and lifts, and no arm has to be simulated.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,16 @@ class TablePick:
     rotation: float  # rad, likewise
     in_contact: bool  # an assigned link presses at the end
 
+    def worse(self, other: TablePick) -> TablePick:
+        """Return the worse of two outcomes in everything."""
+        return TablePick(
+            push=float(np.maximum(self.push, other.push)),  # not a number if one is not
+            touched_support=self.touched_support or other.touched_support,
+            drift=float(np.maximum(self.drift, other.drift)),
+            rotation=float(np.maximum(self.rotation, other.rotation)),
+            in_contact=self.in_contact and other.in_contact,
+        )
+
 
 @dataclass(frozen=True)
 class _Rig:
@@ -56,7 +67,7 @@ def pick_from_support(
     approach: Approach,
     stand: Support = PLANE,
 ) -> TablePick:
-    """Run the tabletop test.
+    """Run the tabletop test, in every engine of the settings: the outcome is the worse one.
 
     Args:
         grasp: a hand around one object, which stands on the plane z = ``bottom`` of its frame.
@@ -65,6 +76,22 @@ def pick_from_support(
         stand: what the object stands on.
     """
     settings = limits.for_floating_hand(settings)
+    picks = [
+        _pick_in_one(settings.in_engine(engine), limits, grasp, T_object_hand, approach, stand)
+        for engine in settings.engines
+    ]
+    return reduce(TablePick.worse, picks)
+
+
+def _pick_in_one(
+    settings: PhysicsParameters,
+    limits: ValidateParameters,
+    grasp: HeldGrasp,
+    T_object_hand: NDArray[np.float64],
+    approach: Approach,
+    stand: Support,
+) -> TablePick:
+    """Run the test in one engine."""
     (held,) = grasp.objects
     world = make_world(settings)
     robot = world.add_hand(grasp.hand, T_object_hand, approach.open_q)

@@ -38,6 +38,7 @@ _DISTRIBUTIONS = {
     "PIL": "pillow",
     "cv2": "opencv-python",
     "griffe": "griffelib",
+    "mujoco": "mujoco-core",
     "pinocchio": "pin",
     "warp": "warp-lang",
     "yaml": "pyyaml",

@@ -140,6 +140,13 @@ PAIR_TRIALS = pa.schema(
         TRIALS.field("seed"),
         _part("offset0", "offsets", 0, _vector(3)),
         _part("offset1", "offsets", 1, _vector(3)),
+        *(TRIALS.field(name) for name in ("friction", "torque_limit", "latency", "joint_errors")),
+        *(_part(f"mass_factor{place}", "mass_factors", place, _NUMBER) for place in range(OBJECTS)),
+        *(
+            _part(f"{name}{place}", f"{name}s", place, _VECTOR)
+            for name in ("centre_offset", "position_error", "rotation_error", "shove")
+            for place in range(OBJECTS)
+        ),
         *(TRIALS.field(name) for name in ("phase", "success", "success_10cm", "reason")),
         _part("height0", "heights", 0, _NUMBER),
         _part("height1", "heights", 1, _NUMBER),

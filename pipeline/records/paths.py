@@ -65,9 +65,9 @@ def trials_file(source: str, first: str) -> Path:
     return Path("data/evaluate") / source / f"{first}.parquet"
 
 
-def harder_file(setting: str) -> Path:
-    """Table of robot trials in a setting that is harder than the standard one."""
-    return Path("data/evaluate/harder") / f"{setting}.parquet"
+def series_file(series: str) -> Path:
+    """Table of robot trials of a series, see ``records.series``: all pairs under one condition."""
+    return Path("data/evaluate/conditions") / f"{series}.parquet"
 
 
 def capture_folder(name: str) -> Path:

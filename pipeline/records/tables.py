@@ -33,6 +33,7 @@ _HAND = b"hand"
 _VECTORS = pa.list_(_vector(3))
 # Vectors that are null where a check was not reached: parquet cannot read nulls back from lists of fixed length.
 _OPTIONAL_VECTOR = pa.list_(pa.float64())
+_OPTIONAL_VECTORS = pa.list_(_OPTIONAL_VECTOR)
 
 # One row per Markov chain of the synthesis: its best state, re-scored against the exact mesh.
 CANDIDATES = pa.schema(
@@ -140,6 +141,22 @@ MERGED = pa.schema(
     ]
 )
 
+# What a trial draws under a condition that is a distribution; null in all other trials. Lists have an entry per object,
+# in the order of picking.
+DRAWN = pa.schema(
+    [
+        _column("friction", pa.float64(), "friction coefficient of every two touching bodies"),
+        _column("torque_limit", pa.float64(), "N m, torque limit of the hand's joints"),
+        _column("latency", pa.int32(), "control periods by which targets arrive late"),
+        _column("joint_errors", _OPTIONAL_VECTOR, "rad, measured less true joint angle: arm, then hand"),
+        _column("mass_factors", pa.list_(pa.float64()), "mass / prepared mass"),
+        _column("centre_offsets", _OPTIONAL_VECTORS, "m, centre of mass in the object's frame"),
+        _column("position_errors", _OPTIONAL_VECTORS, "m, believed less true position, horizontal, world frame"),
+        _column("rotation_errors", _OPTIONAL_VECTORS, "rad, rotation vector from true to believed, world frame"),
+        _column("shoves", _OPTIONAL_VECTORS, "N, force while the object is carried, world frame"),
+    ]
+)
+
 # One row per robot trial. Lists have an entry per object, in the order of picking.
 TRIALS = pa.schema(
     [
@@ -149,6 +166,7 @@ TRIALS = pa.schema(
         ("merged_id", pa.int32()),
         ("seed", pa.int64()),
         ("offsets", pa.list_(_vector(3))),  # perturbation of the placement: x, y (m), yaw (rad)
+        *(column.remove_metadata() for column in DRAWN),
         ("phase", pa.string()),  # last phase reached
         ("success", pa.bool_()),  # all >= 20 cm above rest for 2 s
         ("success_10cm", pa.bool_()),  # the released code's rule: all > 10 cm at the end of the last lift

@@ -10,14 +10,16 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from pipeline.evaluate import conditions, inputs
 from pipeline.evaluate.execution import Run
-from pipeline.evaluate.inputs import inputs_of, sections, sequences_of
 from pipeline.evaluate.scene import placement_offsets
 from pipeline.evaluate.trial import TrialInput, run_trial
 from pipeline.hand.model import Hand
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import load_parameters
+from pipeline.records.parameters.names import require_name
+from pipeline.records.series import STAGE, TrialSeries, series_of
 from pipeline.records.sources import SOURCES
 from pipeline.records.tables import TRIALS, read_table, rows_of
 from pipeline.stages.seeds import item_generator
@@ -27,7 +29,10 @@ EXAMPLE = "synthesized/cube/soup_can/3"
 
 @dataclass(frozen=True, order=True)
 class TrialName:
-    """What names one row of the tables of trials; written ``source/first/second/number``, with all its objects."""
+    """What names one row of the tables of trials; written ``source/first/second/number``, with all its objects.
+
+    In the place of the source may stand a series of trials under a condition, such as ``learned-mu_0_5-sapien``.
+    """
 
     source: str
     objects: tuple[str, ...]  # in the order of picking
@@ -44,12 +49,17 @@ class TrialName:
     @property
     def table(self) -> Path:
         """The file that holds the row."""
-        return paths.trials_file(self.source, self.objects[0])
+        return self.series.table if self.series else paths.trials_file(self.source, self.objects[0])
 
     @property
     def stage(self) -> str:
         """The DVC stage that writes it."""
-        return f"evaluate@{self.source}"
+        return STAGE if self.series else f"evaluate@{self.source}"
+
+    @property
+    def series(self) -> TrialSeries | None:
+        """The series that the trial belongs to, None for a standard trial."""
+        return series_of(self.source)
 
 
 def trial_name(text: str) -> TrialName:
@@ -63,8 +73,11 @@ def trial_name(text: str) -> TrialName:
         raise UserError(
             f"{text!r} names no trial; write source, all objects and the trial's number, such as {EXAMPLE}."
         )
-    if source not in SOURCES:
-        raise UserError(f"{text!r}: there is no source {source!r}; use one of {', '.join(sorted(SOURCES))}.")
+    if source not in SOURCES and series_of(source) is None:
+        raise UserError(
+            f"{text!r}: there is no source {source!r}; use one of {', '.join(sorted(SOURCES))}, or a series such as "
+            "learned-mu_0_5-sapien."
+        )
     return TrialName(source, tuple(objects), int(number))
 
 
@@ -92,16 +105,14 @@ def input_of_trial(name: TrialName, recorded: Mapping[str, Any], hand: Hand) -> 
     Raises:
         UserError: an input is missing, or is seen to be another than that of the row.
     """
-    parameters = load_parameters(sections(name.source))
-    if name.objects not in sequences_of(name.source, parameters):
-        raise UserError(f"params.yaml does not name the pair {name.told} any more; add it again.")
+    known = _inputs_of(name, hand)
     again = f"undo the change, or run `dvc repro {name.stage}` for a new table"
-    inputs = inputs_of(name.source, name.objects, parameters, hand)
-    if name.number >= len(inputs):
+    if name.number >= len(known):
+        most = "conditions.trials" if name.series else "evaluate.trials"
         raise UserError(
-            f"{name.table} has trial {name.number}, but evaluate.trials in params.yaml is {len(inputs)} now; {again}."
+            f"{name.table} has trial {name.number}, but {most} in params.yaml is {len(known)} now; {again}."
         )
-    own = inputs[name.number]
+    own = known[name.number]
     if own.seed != recorded["seed"]:
         raise UserError(
             f"{name.table} was made with another `seed` in params.yaml (this trial: {recorded['seed']}, now "
@@ -122,6 +133,21 @@ def input_of_trial(name: TrialName, recorded: Mapping[str, Any], hand: Hand) -> 
     return own
 
 
+def _inputs_of(name: TrialName, hand: Hand) -> Sequence[TrialInput]:
+    """Return the inputs of all trials of the same table with the same objects, as params.yaml is now."""
+    gone = UserError(f"params.yaml does not name the pair {name.told} any more; add it again.")
+    if name.series is None:
+        parameters = load_parameters(inputs.sections(name.source))
+        if name.objects not in inputs.sequences_of(name.source, parameters):
+            raise gone
+        return inputs.inputs_of(name.source, name.objects, parameters, hand)
+    parameters = load_parameters(conditions.sections())
+    require_name(name.source, conditions.series_to_run(parameters), "conditions", kind="series")
+    if name.objects not in conditions.pairs_of(name.series, parameters):
+        raise gone
+    return conditions.inputs_of_series("/".join([name.source, *name.objects]), parameters, hand)
+
+
 def run_again(
     name: TrialName, hand: Hand, watch: Callable[[Run], None] | None = None
 ) -> tuple[TrialInput, dict[str, Any], list[str]]:
@@ -131,9 +157,9 @@ def run_again(
         UserError: see :func:`recorded_row` and :func:`input_of_trial`.
     """
     recorded = recorded_row(name)
-    inputs = input_of_trial(name, recorded, hand)
-    row = run_trial(inputs, watch)
-    return inputs, row, differing_columns(recorded, row)
+    own = input_of_trial(name, recorded, hand)
+    row = run_trial(own, watch)
+    return own, row, differing_columns(recorded, row)
 
 
 def differences(hand: Hand, name: TrialName) -> list[str]:
@@ -164,13 +190,16 @@ def known_trials() -> list[TrialName]:
         UserError: there are none, or a table is damaged.
     """
     found = []
-    for source in SOURCES:
-        for file in sorted(paths.trials_file(source, "x").parent.glob("*.parquet")):
-            rows = read_table(file, TRIALS, f"evaluate@{source}")
-            found += [
-                TrialName(source, tuple(objects), int(number))
-                for objects, number in zip(rows["objects"], rows["trial"], strict=True)
-            ]
+    standard = {source: f"evaluate@{source}" for source in SOURCES}
+    tables = [(source, stage, paths.trials_file(source, "").parent) for source, stage in standard.items()]
+    files = [(source, stage, file) for source, stage, folder in tables for file in sorted(folder.glob("*.parquet"))]
+    files += [(file.stem, STAGE, file) for file in sorted(paths.series_file("").parent.glob("*.parquet"))]
+    for source, stage, file in files:
+        rows = read_table(file, TRIALS, stage)
+        found += [
+            TrialName(source, tuple(objects), int(number))
+            for objects, number in zip(rows["objects"], rows["trial"], strict=True)
+        ]
     if not found:
         raise UserError("there are no tables of trials under data/evaluate; run `dvc repro` to make them.")
     return sorted(found)

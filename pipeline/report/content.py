@@ -8,10 +8,10 @@ from typing import Any
 
 from pipeline.hand.model import Hand
 from pipeline.records.parameters import Parameters
+from pipeline.report.conditions import Conditions, Tried, load_conditions
 from pipeline.report.counting import Counts, PairCounts
 from pipeline.report.drawing import all_shapes, draw_pairs, opening_view
 from pipeline.report.embedding import FoldedTable
-from pipeline.report.harder import Harder, load_harder
 from pipeline.report.learned import Learned, load_learned
 from pipeline.report.pair_views import PairView
 from pipeline.report.rates import Funnel, PairMerge, PairTrials
@@ -21,7 +21,6 @@ from pipeline.report.selection import plan
 from pipeline.report.settings import Row, all_settings
 from pipeline.report.summary import Value, summarize
 from pipeline.report.trial_rows import trials_table
-from pipeline.report.wording import HARDER
 from pipeline.report.worst import WorstPair
 from pipeline.stages.versions import installed_versions
 
@@ -35,7 +34,7 @@ class PageContent:
     merges: Sequence[PairMerge]
     trials: Mapping[str, list[PairTrials]]  # per source
     views: Sequence[PairView]
-    trial_tables: Mapping[tuple[str, str, str], FoldedTable]  # per source or harder setting, and pair
+    trial_tables: Mapping[tuple[str, str, str], FoldedTable]  # per source or series, and pair
     shapes: Mapping[str, dict[str, list[int]]]  # see scene.shape_record
     shape_unit: float  # m
     success_height: float  # m
@@ -49,7 +48,8 @@ class PageContent:
     worst: Sequence[WorstPair] = ()  # the pairs that ``views`` show, where there are too many to show all
     learned: Learned | None = None
     reconstructed: Mapping[str, Reconstructed] = field(default_factory=dict)  # per capture
-    harder: Sequence[Harder] = ()
+    conditions: Conditions = Conditions()
+    drawn: Mapping[str, bool] = field(default_factory=dict)  # by condition, whether its trials draw from a distribution
 
     @property
     def criterion(self) -> str:
@@ -71,20 +71,22 @@ def page_content(
     evaluate = parameters.evaluate
     learned = load_learned(quality, counts.samples)
     reconstructed = load_reconstructed(parameters.captures)
-    harder = load_harder(parameters.harder, evaluate, parameters.physics)
-    planned = plan(counts.trials, harder, parameters.report, evaluate)
+    conditions = load_conditions(parameters)
+    planned = plan(counts.trials, conditions.tried, parameters.report, evaluate)
     opening = [planned.opening] if planned.opening else []
     drawn = draw_pairs([*planned.shown, *planned.listed, *opening], hand, parameters.compute.workers)
     shown = drawn[: len(planned.shown)]
     tables = {(source, one.view.first, one.view.second): rows for one in drawn for source, rows in one.tables.items()}
     metrics = {name: one.metrics for name, one in reconstructed.items()}
     return PageContent(
-        summary=summarize(parameters.scale, counts.funnels, counts.merges, counts.trials, metrics, learned, harder),
+        summary=summarize(
+            parameters.scale, counts.funnels, counts.merges, counts.trials, metrics, learned, conditions.tried
+        ),
         funnels=counts.funnels,
         merges=counts.merges,
         trials=counts.trials,
         views=[one.view for one in shown],
-        trial_tables=tables | harder_tables(harder),
+        trial_tables=tables | series_tables(conditions.tried),
         shapes=all_shapes(shown, hand),
         shape_unit=UNIT,
         success_height=evaluate.success_height,
@@ -98,14 +100,16 @@ def page_content(
         worst=planned.worst,
         learned=learned,
         reconstructed=reconstructed,
-        harder=harder,
+        conditions=conditions,
+        drawn={name: one.drawn for name, one in parameters.conditions.settings.items()},
     )
 
 
-def harder_tables(harder: Sequence[Harder]) -> dict[tuple[str, str, str], FoldedTable]:
-    """Return the trials of all harder settings, per setting and pair that the page shows."""
+def series_tables(tried: Sequence[Tried]) -> dict[tuple[str, str, str], FoldedTable]:
+    """Return the trials of all series but the standard ones, per series and pair that the page shows."""
     return {
-        (HARDER + setting.name, *pair): trials_table(HARDER + setting.name, *pair, setting.rows)
-        for setting in harder
-        for pair in setting.shown
+        (one.key, *pair): trials_table(one.key, *pair, one.rows)
+        for one in tried
+        if not one.is_standard
+        for pair in one.shown
     }

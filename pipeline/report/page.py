@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from pipeline.report.charts import Table
+from pipeline.report.conditions import conditions_section
 from pipeline.report.content import PageContent
 from pipeline.report.embedding import FoldedTable, compressed, compressed_tables
-from pipeline.report.harder import harder_section
 from pipeline.report.headline import headline
 from pipeline.report.learned import learned_section
 from pipeline.report.merging import merge_section
@@ -67,9 +67,9 @@ def sections(content: PageContent) -> list[Section]:
     for source, pairs in content.trials.items():
         html = success_section(source, pairs, content.summary, content.criterion)
         found.append(Section(f"success-{source}", f"Success: {SOURCE_TITLES[source]}", html))
-    if content.harder:
-        html = harder_section(content.harder, content.criterion, content.hand_torque_limit)
-        found.append(Section("harder", "Harder settings", html))
+    if content.conditions.tried:
+        html = conditions_section(content.conditions, content.drawn, content.criterion, content.hand_torque_limit)
+        found.append(Section("conditions", "Other conditions", html))
     if content.learned:
         found.append(Section("learned", "The learned model", learned_section(content.learned)))
     if content.reconstructed:

@@ -76,7 +76,7 @@ def pairs_section(
 
     Args:
         views: the pairs that are shown. The others in ``tables`` get a place for their trials alone.
-        tables: trials per source or harder setting, and pair.
+        tables: trials per source or series, and pair.
         worst: the pairs of ``views`` where there are too many pairs to show all.
         trials: counts per source and pair.
     """

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.report import ReportParameters
+from pipeline.report.conditions import Tried
 from pipeline.report.counting import SYNTHESIZED
 from pipeline.report.drawing import Look, Request, full_look, small_look
-from pipeline.report.harder import Harder
 from pipeline.report.rates import MOST_PAIRS, PairTrials
 from pipeline.report.worst import WorstPair, worst_pairs
 
@@ -28,7 +28,7 @@ class Plan:
 
 def plan(
     trials: Mapping[str, Sequence[PairTrials]],
-    harder: Sequence[Harder],
+    tried: Sequence[Tried],
     settings: ReportParameters,
     evaluate: EvaluateParameters,
 ) -> Plan:
@@ -36,7 +36,7 @@ def plan(
 
     Args:
         trials: per source, counts of every pair.
-        harder: settings that are compared with standard trials.
+        tried: series that are compared with standard trials.
     """
     sources: dict[Pair, list[str]] = {}
     for source, pairs in trials.items():
@@ -62,7 +62,7 @@ def plan(
     ]
     linked = [
         (source, (one.first, one.second)) for source, own in trials.items() if len(own) <= MOST_PAIRS for one in own
-    ] + [(one.source, names) for one in harder for names in one.shown]
+    ] + [(one.series.source, names) for one in tried for names in one.shown]
     linked_to: dict[Pair, list[str]] = {}
     for source, names in dict.fromkeys(linked):
         if names not in {(one.first, one.second) for one in worst}:

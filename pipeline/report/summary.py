@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from pipeline.report.harder import Harder, harder_summary, reasons_of
+from pipeline.report.conditions import Tried, conditions_summary, reasons_of, series_prefix
 from pipeline.report.learned import Learned, learned_summary
 from pipeline.report.rates import MOST_PAIRS, Funnel, PairMerge, PairTrials, mean, ratio, spread, summed
 from pipeline.report.reconstructed import reconstructed_summary
@@ -30,7 +30,7 @@ def summarize(
     trials: dict[str, list[PairTrials]],
     reconstructions: Mapping[str, Mapping[str, Any]],
     learned: Learned | None = None,
-    harder: Sequence[Harder] = (),
+    tried: Sequence[Tried] = (),
 ) -> dict[str, Value]:
     """Return the summary, sorted by key.
 
@@ -38,7 +38,7 @@ def summarize(
         trials: per source of grasps, one entry per pair.
         reconstructions: per capture what its ``metrics.json`` holds.
         learned: of the model.
-        harder: one entry per harder setting.
+        tried: under other conditions, one entry per series.
     """
     values: dict[str, Value] = {"scale": scale}
     for style in dict.fromkeys(funnel.style for funnel in funnels):
@@ -60,9 +60,9 @@ def summarize(
         values |= reconstructed_summary(capture, metrics)
     if learned:
         values |= learned_summary(learned, trials["learned"])
-    values |= harder_summary(harder)
-    for one in harder:
-        values |= _shares(f"evaluate.harder.{one.name}.failed", reasons_of(one.pairs), one.trials)
+    values |= conditions_summary(tried)
+    for one in tried:
+        values |= _shares(f"{series_prefix(one.series)}.failed", reasons_of(one.pairs), one.trials)
     return {key: rounded(values[key]) for key in sorted(values)}
 
 

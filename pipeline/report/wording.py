@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from urllib.parse import quote
 
+from pipeline.records.series import series_of
 from pipeline.records.sources import SOURCES
 
 SOURCE_TITLES = {name: source.title for name, source in SOURCES.items()}
-HARDER = "harder-"  # prefix of a harder setting's name among sources of grasps
 UNKNOWN = "–"  # a figure that there is not
 PASSED, SUCCESS = "passed", "success"  # in place of a reject reason, or of a reason of failure
 PLACES = {"first": "picked up first", "second": "picked up second"}
@@ -34,8 +34,11 @@ def pair_title(first: str, second: str) -> str:
 
 
 def trials_title(source: str) -> str:
-    """Return what the trials of a source, or of a harder setting, are called."""
-    return SOURCE_TITLES.get(source, f"harder setting {source.removeprefix(HARDER)}")
+    """Return what the trials of a source, or of a series, are called."""
+    series = series_of(source)
+    if series is None:
+        return SOURCE_TITLES[source]
+    return f"{SOURCE_TITLES[series.source]}: {spoken(series.condition)}, {series.engine}"
 
 
 def anchor(target: str) -> str:
@@ -54,7 +57,7 @@ def grasps_key(first: str, second: str) -> str:
 
 
 def trials_key(source: str, first: str, second: str) -> str:
-    """Return the id of the table of a pair's trials; ``source`` may also be a harder setting."""
+    """Return the id of the table of a pair's trials; ``source`` may also be a series."""
     return f"trials-{source}-{first}--{second}"
 
 

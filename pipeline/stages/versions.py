@@ -12,6 +12,7 @@ PACKAGES = (
     "mani-skill",
     "manifold3d",
     "mlflow",
+    "mujoco-core",
     "numpy",
     "open3d",
     "pandas",

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 COMPUTE = "compute"  # the section of params.yaml on which no result depends
-HARDER = "evaluate-harder"  # its items are settings, not objects
+HARDER = "evaluate-harder"  # of earlier results; its items were settings, not objects
 # Stages that are no part of a result: fingerprints of the code, and the record itself.
 OWN_STAGES = ("code", "track")
 CODE_FOLDER, CODE_FILE = "pipeline/", "code.yaml"

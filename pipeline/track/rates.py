@@ -11,7 +11,7 @@ SUCCESS = re.compile(r"evaluate\.(\w+)\.(\w+)--(\w+)\.success_rate")
 # Where there are too many objects or pairs for keys of their own.
 SURVIVAL_SPREAD = re.compile(r"validate\.(\w+)\.survival_rate_(quartile_1|median|quartile_3)")
 SUCCESS_SPREAD = re.compile(r"evaluate\.(\w+)\.success_rate_(quartile_1|median|quartile_3)")
-HARDER_SUCCESS = re.compile(r"evaluate\.harder\.(\w+)\.(\w+)--(\w+)\.success_rate")
+CONDITION_SUCCESS = re.compile(r"evaluate\.conditions\.([\w.]+)\.(\w+)--(\w+)\.success_rate")
 
 
 def survival_rows(summary: Mapping[str, Any]) -> list[tuple[str, float]]:
@@ -35,8 +35,8 @@ def success_rows(summary: Mapping[str, Any]) -> list[tuple[str, float]]:
     for key, value in summary.items():
         if match := SUCCESS_SPREAD.fullmatch(key):
             rows.append((f"{match[2]}: {match[1]}", float(value)))
-        if match := SUCCESS.fullmatch(key) or HARDER_SUCCESS.fullmatch(key):
-            rows.append((f"{match[2]}, {match[3]}: {match[1]}", float(value)))
+        if match := SUCCESS.fullmatch(key) or CONDITION_SUCCESS.fullmatch(key):
+            rows.append((f"{match[2]}, {match[3]}: {match[1].replace('.', ', ')}", float(value)))
     return sorted(rows)
 
 

@@ -16,7 +16,6 @@ from pipeline.records.sources import SOURCES
 from pipeline.records.tables import CHECKED, description
 from pipeline.report.meanings import MERGE, SYNTHESIS, TRIALS, VALIDATION, meaning_of
 from pipeline.view.rows import Colour
-from pipeline.view.tables import HARDER
 
 SINGLE = {**SYNTHESIS, **VALIDATION}  # of what rejects single grasps
 
@@ -93,9 +92,8 @@ def trial_facts(row: Mapping[str, Any], moment: int) -> str:
 
 
 def replay_command(name: str) -> str:
-    """Return the command that runs a trial again, '' for trials in harder settings, which it does not know."""
-    trial = name.removeprefix("evaluate/")
-    return "" if trial.startswith(HARDER) else f"./dev replay {trial}"
+    """Return the command that runs a trial again."""
+    return f"./dev replay {name.removeprefix('evaluate/').removeprefix('conditions/')}"
 
 
 def object_facts(prepared: PreparedObject) -> str:

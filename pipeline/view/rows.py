@@ -10,8 +10,9 @@ from collections.abc import Mapping, Sequence
 import pandas as pd
 
 from pipeline.records.errors import UserError
+from pipeline.records.series import series_of
 from pipeline.records.sources import SOURCES
-from pipeline.view.tables import HARDER, PREFIXES
+from pipeline.view.tables import PREFIXES
 
 # Columns of an index: one line per row of all tables of a view.
 # The reason is the reject reason, or why a trial failed; PASSED or SUCCESS where there is none.
@@ -87,7 +88,9 @@ def tidy_name(text: str) -> str:
     paths of tables (``data/merge/cube.parquet``).
     """
     parts = text.strip().strip("/").removeprefix("data/").removesuffix(".parquet").split("/")
-    if parts[0] in (*SOURCES, HARDER.strip("/")):
+    if series_of(parts[0]):
+        parts.insert(0, "conditions")
+    if parts[0] in (*SOURCES, "conditions"):
         parts.insert(0, "evaluate")
     if parts[0] == "reconstruct" and parts[2:3] == ["objects"]:
         del parts[2]

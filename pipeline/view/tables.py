@@ -16,7 +16,8 @@ from pipeline.hand.model import Hand
 from pipeline.records import paths
 from pipeline.records.flat import PAIR_GRASPS, PAIR_TRIALS
 from pipeline.records.parameters import Parameters
-from pipeline.records.parameters.harder import overridden
+from pipeline.records.parameters.conditions import overridden
+from pipeline.records.series import STAGE, series_of
 from pipeline.records.sources import SOURCES
 from pipeline.records.tables import CANDIDATES, VALIDATED, of_hand
 
@@ -32,7 +33,6 @@ PREFIXES = {
     "evaluate": TRIALS_VIEW,
     "reconstruct": RECONSTRUCTIONS,
 }
-HARDER = "harder/"  # how the sources of harder trials begin
 
 
 @dataclass(frozen=True)
@@ -122,11 +122,9 @@ def _trials(parameters: Parameters) -> list[Table]:
         for source, names in _firsts(parameters).items()
         for first in names
     ]
-    harder = [
-        Table(TRIALS_VIEW, paths.harder_file(name), "evaluate-harder", PAIR_TRIALS, "trial", HARDER + name)
-        for name in parameters.harder.settings
-    ]
-    return standard + harder
+    to_run = parameters.conditions.to_run(bool(parameters.reconstructed), parameters.evaluate, parameters.physics)
+    series = [Table(TRIALS_VIEW, one.table, STAGE, PAIR_TRIALS, "trial", name) for name, one in to_run.items()]
+    return standard + series
 
 
 def _photos(parameters: Parameters) -> list[Table]:
@@ -152,7 +150,7 @@ def _photographed(parameters: Parameters, capture: str) -> list[str]:
 
 def sponge_height(parameters: Parameters, source: str) -> float:
     """Return the height of the sponge, m, on which the objects of a source's trials stand."""
-    settings = parameters.evaluate
-    if source.startswith(HARDER):
-        settings = overridden(settings, parameters.harder.settings[source.removeprefix(HARDER)].evaluate)
-    return settings.sponge_height
+    series = series_of(source)
+    if series is None:
+        return parameters.evaluate.sponge_height
+    return overridden(parameters.evaluate, parameters.conditions.settings[series.condition].evaluate).sponge_height

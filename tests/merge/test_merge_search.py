@@ -18,7 +18,7 @@ from pipeline.pairing.readiness import ready
 from pipeline.pairing.task import task_of
 from pipeline.records.merge_reasons import MergeReason
 from pipeline.records.parameters.merge import MergeParameters
-from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.parameters.physics import PhysicsParameters, SapienParameters
 from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.records.tables import MERGED, read_table, write_table
 from tests.merge.constructed import GROUPS, HAND, box, cylinder, pair, pinch, side
@@ -101,14 +101,15 @@ def merged(workers: int, **settings) -> pd.DataFrame:
 
 
 def test_settling_is_a_test_with_a_floating_hand() -> None:
-    physics, validate = PhysicsParameters(contact_offset=0.03), ValidateParameters(contact_offset=0.004)
+    physics = PhysicsParameters(sapien=SapienParameters(contact_offset=0.03))
+    validate = ValidateParameters(sapien_contact_offset=0.004)
 
     def task(physics_test: bool):
         merge = MergeParameters(physics_test=physics_test)
         return task_of(HAND, PAIR, (box(), cylinder()), merge, physics, validate)
 
     assert task(physics_test=False).settling_physics is None
-    assert task(physics_test=True).settling_physics == PhysicsParameters(contact_offset=0.004)
+    assert task(physics_test=True).settling_physics == PhysicsParameters(sapien=SapienParameters(contact_offset=0.004))
 
 
 def test_wanted_number_is_reached_balanced_and_without_repetition() -> None:

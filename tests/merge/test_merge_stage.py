@@ -41,7 +41,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     recipe = {"recipe": "box", "extents": [0.042, 0.042, 0.042]}
     content["objects"] = {"box": recipe, "cylinder": recipe}
     content |= {"renderings": {}, "captures": {}, "reconstructed": {}}
-    content["harder"] |= {"pairs": [], "settings": {}}
+    content["conditions"] |= {"pairs": [], "settings": {}}
     content["merge"] |= {"grasps_per_pair": 2, "distinct_distance": 0.0}
     content["compute"]["workers"] = 1
     monkeypatch.chdir(tmp_path)

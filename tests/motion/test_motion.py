@@ -73,11 +73,11 @@ def test_jacobian_agrees_with_finite_differences(arm: ArmModel) -> None:
     rng = np.random.default_rng(1)
     q = rng.uniform(arm.lower, arm.upper)
     T = arm.hand_pose(q)
-    _, J = arm.pose_error(q, T)
+    _, J = arm.pose_errors(T)(q)
     for joint in range(7):
         moved = q.copy()
         moved[joint] += 1e-6
-        error, _ = arm.pose_error(q, arm.hand_pose(moved))
+        error, _ = arm.pose_errors(arm.hand_pose(moved))(q)
         np.testing.assert_allclose(error / 1e-6, J[:, joint], atol=1e-5)
 
 

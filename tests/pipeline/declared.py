@@ -27,6 +27,7 @@ HEAVY = {
     "warp",
     "sapien",
     "mani_skill",
+    "mujoco",
     "open3d",
     "pinocchio",
     "coal",

@@ -92,7 +92,7 @@ from pipeline.evaluate.inputs import sections
 from pipeline.hand.model import load_hand
 from pipeline.records.flat import PAIR_GRASPS
 from pipeline.records.parameters import read_parameters
-from pipeline.records.parameters.harder import HarderSetting
+from pipeline.records.series import series_of
 from pipeline.replay.rerun import TrialName, trial_name
 from pipeline.report.counting import firsts_of, grasps_of
 from pipeline.report.wording import SOURCE_TITLES
@@ -115,7 +115,7 @@ write_pairs(Path("data/guess/cube.parquet"), grasps, PAIR_GRASPS)
 
 parameters, hand = read_parameters(), load_hand("allegro")
 assert len(trial_grasps("guessed", ("cube", "soup_can"), {"picks": parameters.picks}, hand)) == 4
-assert HarderSetting(source="guessed", evaluate={}, physics={}).source == "guessed"
+assert series_of("guessed-mu_0_5-sapien").source == "guessed"
 assert trial_name("guessed/cube/soup_can/3") == TrialName("guessed", ("cube", "soup_can"), 3)
 assert "`guessed` (guessed)" in GRASP_COLUMNS["source"]
 shared = load_grasps(source="guessed", first="cube", second="soup_can")

@@ -109,7 +109,12 @@ def test_nothing_imports_what_stands_around_it(folder, outside):
 
 @pytest.mark.parametrize(
     ("package", "rooms"),
-    [("mlflow", {"track"}), ("viser", {"pictures", "view", "replay"}), ("sapien", {"physics", "replay"})],
+    [
+        ("mlflow", {"track"}),
+        ("viser", {"pictures", "view", "replay"}),
+        ("sapien", {"physics", "replay"}),
+        ("mujoco", {"physics"}),
+    ],
 )
 def test_a_package_is_known_to_its_rooms_alone(package, rooms):
     assert {file.split("/")[0] for file in users(package)} <= rooms

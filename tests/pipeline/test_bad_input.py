@@ -24,7 +24,7 @@ COMMANDS = {  # by hand, as a run of all items reads more
     "train": (),
     "sample": ("--source", "learned", "--object", "cube"),
     "evaluate": ("--source", "synthesized", "--object", "cube"),
-    "evaluate.harder": ("--setting", "placement"),
+    "evaluate.conditions": ("--series", "synthesized-placement-sapien"),
     "capture": ("--name", "demo"),
     "reconstruct": ("--capture", "demo"),
     "report": (),

@@ -90,7 +90,7 @@ def test_headline_figures_are_in_the_summary(finished):
         "reconstruct.tiny.reprojection_px",
         "reconstruct.tiny.alignment_mm",
         "reconstruct.tiny.chamfer_mm_max",
-        "evaluate.harder.placement.success_rate_mean",
+        "evaluate.conditions.distribution.sapien.synthesized.success_rate_mean",
     } <= set(summary)
     # Twelve small photos do, at half the resolution of the demo (tests/reconstruct/test_whole.py has others).
     assert summary["reconstruct.tiny.registered_ratio"] == 1 and summary["reconstruct.tiny.chamfer_mm_max"] < 1.5
@@ -147,18 +147,17 @@ def test_a_pinch_parameter_runs_no_side_stage_and_the_way_back_none(workspace):
     assert workspace.fingerprints() == before
 
 
-def test_a_harder_setting_runs_its_own_trials_and_is_recorded_once(workspace):
+def test_a_condition_runs_its_own_trials_and_is_recorded_once(workspace):
     runs, before = workspace.recorded_runs(), workspace.fingerprints()
     original = (workspace / "params.yaml").read_text()
-    slippery = {"source": "synthesized", "evaluate": {}, "physics": {"object_friction": 0.5}}
-    changed(workspace, "harder.settings.slippery", slippery)
+    changed(workspace, "conditions.settings.slippery", {"friction": 0.5})
     result = workspace.repro()
-    assert result.ran == ["code", "evaluate-harder", "report", "track"]
-    assert result.computed == {"evaluate-harder": (1, 2)}
+    assert result.ran == ["code", "evaluate-conditions", "report", "track"]
+    assert result.computed == {"evaluate-conditions": (1, 2)}
     found = workspace.fingerprints("data")
     assert {path for path in found if found[path] != before.get(path)} == {
-        "data/evaluate/harder/slippery.parquet",
-        "data/items/evaluate-harder.json",
+        "data/evaluate/conditions/synthesized-slippery-sapien.parquet",
+        "data/items/evaluate-conditions.json",
     }
     after = workspace.recorded_runs()
     assert after > runs

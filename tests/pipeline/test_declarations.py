@@ -68,7 +68,7 @@ def test_a_stage_reads_no_parameter_but_its_sections(room):
 def test_who_asks_for_the_pairs_declares_what_they_depend_on(room):
     asks = any(re.search(r"chosen_(pairs|sequences)\(", source.read_text()) for source in files_of(room))
     for stage in STAGES:
-        if asks and stage.room == room and not stage.reads_everything and stage.name != "evaluate-harder":
+        if asks and stage.room == room and not stage.reads_everything and stage.name != "evaluate-conditions":
             assert "picks" in stage.parameters
             assert {"seed", "styles", "pairs"} <= set(stage.parameters) or "reconstructed" in stage.parameters
 

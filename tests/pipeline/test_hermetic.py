@@ -34,8 +34,8 @@ def perturbed(content: dict, declared: tuple[str, ...], workers: int) -> dict:
 
     changed_content = copy.deepcopy(content)
     changed_content["compute"]["workers"] = workers
-    if not is_declared("harder"):
-        changed_content["harder"] |= {"pairs": [], "settings": {}}  # they would hold styles and physics in place
+    if not is_declared("conditions"):
+        changed_content["conditions"] |= {"pairs": [], "settings": {}}  # they would hold styles and physics in place
 
     def try_value(parent: dict, key: str, value) -> None:
         old, parent[key] = parent[key], value

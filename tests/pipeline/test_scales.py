@@ -89,7 +89,7 @@ def test_the_official_preset_has_the_released_settings_on_any_scale(project, sca
     changed = {name for name in flatten(ours) if flatten(official).get(name) != flatten(ours)[name]}
     assert {name.split(".")[0] for name in changed} == {"synthesize", "validate", "preset"}
     # Of the validation its cost, not its verdict.
-    costs = {"contact_offset": 0.02, "early_rejection": False}
+    costs = {"sapien_contact_offset": 0.02, "early_rejection": False}
     assert {name for name in changed if name.startswith("validate.")} == {f"validate.{name}" for name in costs}
     assert costs.items() <= official["validate"].items()
     chains = official["synthesize"]["optimizer"]

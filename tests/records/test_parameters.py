@@ -81,17 +81,30 @@ def test_the_committed_file_is_valid(repository):
         ("evaluate.control_frequency", 30, "evaluate.control_frequency must divide physics.frequency (200)"),
         ("evaluate.shorter_entries", [0.1, -0.1], "evaluate.shorter_entries.1: "),
         ("merge.approach_lengths", [0.0], "merge.approach_lengths.0: "),
-        ("harder.pairs", [["cube", "lemon"]], "harder.pairs: cube, lemon"),
-        ("harder.pairs", [["cube", "soup_can"]] * 2, "harder: pairs lists a pair twice"),
-        ("harder.pairs", [], "harder: pairs is empty"),
-        ("harder.trials", 26, "harder.trials must not exceed evaluate.trials (25)"),
-        ("harder.settings.placement.source", "guessed", "harder.settings.placement.source: "),
-        ("harder.settings.placement.evaluate.trials", 2, "harder.settings.placement.evaluate.trials"),
-        ("harder.settings.placement.physics.friction", 1, "harder.settings.placement.physics: friction: unknown"),
-        ("harder.settings.placement.evaluate.perturbation", 9, "harder.settings.placement.evaluate: perturbation: "),
-        ("harder.settings.placement.evaluate.lift_height", 0.1, "harder.settings.placement.evaluate: lift_height"),
-        ("harder.settings.placement.physics.frequency", 400, "harder.settings.placement"),
-        ("harder.settings.Windy", {"source": "synthesized", "evaluate": {}, "physics": {}}, "'Windy'"),
+        ("conditions.pairs", [["cube", "lemon"]], "conditions.pairs: cube, lemon"),
+        ("conditions.pairs", [["cube", "soup_can"]] * 2, "conditions: pairs lists a pair twice"),
+        ("conditions.pairs", [], "conditions: pairs is empty"),
+        ("conditions.trials", 26, "conditions.trials must not exceed evaluate.trials (25)"),
+        ("conditions.sources", ["guessed"], "there is no source 'guessed'"),
+        ("conditions.engines", ["abacus"], "conditions.engines.0: "),
+        ("conditions.settings.mu_0_5.drawn", True, "conditions.settings.mu_0_5: friction is drawn"),
+        ("conditions.settings.mu_0_5.physics", {"tip_static_friction": 1}, "or physics.tip_static_friction"),
+        ("conditions.settings.placement.physics", {"engine": "sapien"}, "remove physics.engine"),
+        ("conditions.distribution.friction", [0.9, 0.3], "conditions.distribution.friction: "),
+        ("conditions.settings.placement.evaluate.trials", 2, "conditions.settings.placement.evaluate.trials"),
+        (
+            "conditions.settings.mu_0_5.physics",
+            {"friction": 1},
+            "mu_0_5 with sapien: friction: unknown",
+        ),
+        ("conditions.settings.placement.evaluate.perturbation", 9, "placement with sapien: perturbation: "),
+        ("conditions.settings.placement.evaluate.lift_height", 0.1, "placement with sapien: lift_height"),
+        (
+            "conditions.settings.placement.physics",
+            {"frequency": 400},
+            "placement: remove its frequency",
+        ),
+        ("conditions.settings.Windy", {}, "'Windy'"),
         ("prepare.surface_points", 1000, "prepare.surface_points"),
     ],
 )
@@ -145,9 +158,9 @@ def test_an_unknown_object_is_answered_with_the_known_ones(repository):
         load_parameters(["objects.dragon"], repository / "params.yaml")
 
 
-def test_an_unknown_harder_setting_is_called_a_setting(repository):
-    with pytest.raises(UserError, match="there is no setting 'windy' under `harder`; .* use one of friction_0_6, "):
-        load_parameters(["harder.settings.windy"], repository / "params.yaml")
+def test_an_unknown_condition_is_called_a_condition(repository):
+    with pytest.raises(UserError, match="there is no condition 'windy' under `conditions`; .* use one of dist"):
+        load_parameters(["conditions.settings.windy"], repository / "params.yaml")
 
 
 def test_values_are_read_only(repository):

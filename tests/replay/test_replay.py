@@ -17,6 +17,7 @@ import pytest
 import yaml
 
 from pipeline.evaluate.__main__ import evaluate
+from pipeline.evaluate.conditions import evaluate as evaluate_series
 from pipeline.evaluate.scene import START_ARM, START_HAND
 from pipeline.evaluate.trial import run_trial
 from pipeline.hand.model import load_hand
@@ -39,6 +40,8 @@ from pipeline.replay.viewer import Viewer
 HAND = load_hand("allegro")
 NAME = "synthesized/cube/slender_cylinder/1"
 TABLE = Path("data/evaluate/synthesized/cube.parquet")
+DRAWN = "synthesized-drawn-sapien/cube/slender_cylinder/0"
+DRAWN_TABLE = Path("data/evaluate/conditions/synthesized-drawn-sapien.parquet")
 RECORDING = Path("replays/synthesized-cube-slender_cylinder-1.parquet")
 
 
@@ -52,13 +55,19 @@ def evaluated(tmp_path_factory, repository: Path, objects, grasp_row) -> Path:
         values = yaml.safe_load((repository / "params.yaml").read_text())
         values["styles"] = {"pinch": ["cube"], "side": ["slender_cylinder"]}
         values["evaluate"]["trials"] = 2
-        values["harder"] |= {"pairs": [], "trials": 1, "settings": {}}
+        values["conditions"] |= {
+            "pairs": [["cube", "slender_cylinder"]],
+            "trials": 1,
+            "settings": {"drawn": {"drawn": True}},
+        }
+        values["conditions"]["sources"] = ["synthesized"]
         values["compute"]["workers"] = 1
         Path("params.yaml").write_text(yaml.safe_dump(values))
         for prepared in objects:
             write_prepared_object(paths.prepared_folder(prepared.name), prepared)
         write_grasps(grasp_row, merged_id=4)
         evaluate("synthesized", "cube")
+        evaluate_series("synthesized-drawn-sapien")
     finally:
         os.chdir(before)
     return folder
@@ -135,6 +144,15 @@ def test_command_says_that_the_outcome_is_the_same(evaluated: Path, replayed: Re
     assert f"{RECORDING}: {pq.read_metadata(RECORDING).num_rows} moments" in told
     assert pq.read_schema(RECORDING).equals(MOMENTS)
     assert RECORDING.read_bytes() == (evaluated / RECORDING).read_bytes()
+
+
+def test_a_trial_under_a_distribution_is_replayed_to_the_bit(project: Path, capsys) -> None:
+    """What it drew is drawn again from its seed; with another range it is another trial."""
+    assert command.main([DRAWN, "--no-view"]) == 0
+    assert f"{DRAWN}: the same outcome, to the last bit, as in {DRAWN_TABLE}" in capsys.readouterr().out
+    change_parameters(conditions={"distribution": {"shove_force": 0.5}})
+    assert command.main([DRAWN, "--no-view"]) == 1
+    assert "columns that differ: shoves" in capsys.readouterr().out
 
 
 def test_one_changed_bit_is_another_outcome(project: Path, capsys) -> None:

@@ -8,10 +8,10 @@ import pandas as pd
 from PIL import Image
 
 from pipeline.records.flat import PAIR_GRASPS, PAIR_TRIALS
-from pipeline.records.parameters.harder import HarderSetting
+from pipeline.records.series import TrialSeries
 from pipeline.records.tables import CANDIDATES, VALIDATED
+from pipeline.report.conditions import Change, Tried, compared
 from pipeline.report.counting import PairCounts, pair_counts
-from pipeline.report.harder import Change, Harder, compared
 from pipeline.report.learned import Learned
 from pipeline.report.rates import pair_merge
 from pipeline.report.reconstructed import Reconstructed
@@ -188,8 +188,11 @@ def reconstructed() -> dict[str, Reconstructed]:
     return {"demo": Reconstructed(RECONSTRUCTION, {"photo_<0>": (small_jpeg(90), small_jpeg(200))})}
 
 
-def harder(first: str, seconds: list[str], numbers: int = 3, standard: pd.DataFrame | None = None) -> Harder:
-    """The setting `icy`: trial 0 with the last object fails, and trial 2 with the first succeeds."""
+CHANGES = [Change("icy", "physics.object_friction", "0.9", "0.1", "Paper: <0.9>.")]
+
+
+def tried(first: str, seconds: list[str], numbers: int = 3, standard: pd.DataFrame | None = None) -> Tried:
+    """The condition `icy`: trial 0 with the last object fails, and trial 2 with the first succeeds."""
     rows = trials(first, seconds)
     fails = (rows["object1"] == seconds[-1]) & (rows["trial"] == 0)
     rows.loc[fails, ["success", "success_10cm"]] = False
@@ -198,10 +201,28 @@ def harder(first: str, seconds: list[str], numbers: int = 3, standard: pd.DataFr
     rows.loc[succeeds, ["success", "success_10cm"]] = True
     rows.loc[succeeds, "reason"] = ""
     return compared(
-        "icy",
-        HarderSetting(source="synthesized", evaluate={}, physics={"object_friction": 0.1}),
+        TrialSeries("synthesized", "icy", "sapien"),
         rows[rows["trial"] < numbers],
         trials(first, seconds) if standard is None else standard,
         [(first, second) for second in seconds],
-        [Change("physics.object_friction", "0.9", "0.1", "Paper: <0.9>.")],
+    )
+
+
+def drawn_trials(friction: Sequence[float], success: Sequence[bool]) -> pd.DataFrame:
+    """Trials that drew these frictions, and otherwise lengths that follow from their number."""
+    number = np.arange(len(friction), dtype=np.float64)
+    return pd.DataFrame(
+        {
+            "success": success,
+            "friction": friction,
+            "torque_limit": 0.35 + 0.01 * number,
+            "latency": number % 3,
+            "joint_errors": [np.full(23, 0.001 * n) for n in number],
+            **{f"mass_factor{place}": 1.0 + number for place in (0, 1)},
+            **{
+                f"{name}{place}": [np.array([0.003, 0.004, 0.0]) * n for n in number]
+                for name in ("centre_offset", "position_error", "rotation_error", "shove")
+                for place in (0, 1)
+            },
+        }
     )

@@ -19,9 +19,11 @@ from pipeline.records import paths
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.report import ReportParameters
 from pipeline.records.poses import pose_matrix
+from pipeline.records.series import series_of
 from pipeline.records.sources import OF_ALL_PAIRS, SOURCES
 from pipeline.report import paper
-from pipeline.report.content import PageContent, harder_tables
+from pipeline.report.conditions import Conditions
+from pipeline.report.content import PageContent, series_tables
 from pipeline.report.embedding import FoldedTable
 from pipeline.report.headline import MOST_TILES, results
 from pipeline.report.meanings import MERGE, TRIALS
@@ -32,7 +34,7 @@ from pipeline.report.scene import UNIT
 from pipeline.report.selection import plan
 from pipeline.report.settings import MOST_LETTERS, MOST_ROWS, described
 from pipeline.report.summary import summarize
-from pipeline.report.wording import HARDER, percent
+from pipeline.report.wording import percent
 from pipeline.report.worst import WORST_PAIRS
 from tests.browser import needs_chromium, open_tab
 from tests.report import made_up
@@ -92,8 +94,8 @@ def content(trials) -> PageContent:
     meshes = trimesh.creation.box((0.04, 0.04, 0.04)), trimesh.creation.cylinder(radius=0.03, height=0.1)
     counts = [one for source in ALL_SOURCES for one in made_up.counts("cube", ["can"], source)]
     counted = {one.source: [one.trials] for one in counts}
-    harder = made_up.harder("cube", ["can"])
-    planned = plan(counted, [harder], SETTINGS, EvaluateParameters())
+    tried = made_up.tried("cube", ["can"])
+    planned = plan(counted, [tried], SETTINGS, EvaluateParameters())
     assert (planned.listed, planned.opening, planned.worst) == ([], None, [])
     (request,) = planned.shown
     pair = tuple((np.asarray(mesh.vertices), np.asarray(mesh.faces)) for mesh in meshes)
@@ -110,7 +112,7 @@ def content(trials) -> PageContent:
         merges=merges,
         trials=counted,
         views=[drawn.view],
-        trial_tables={(source, "cube", "can"): rows for source, rows in drawn.tables.items()} | harder_tables([harder]),
+        trial_tables={(source, "cube", "can"): rows for source, rows in drawn.tables.items()} | series_tables([tried]),
         shapes=all_shapes([drawn], hand),
         shape_unit=UNIT,
         success_height=0.2,
@@ -123,7 +125,8 @@ def content(trials) -> PageContent:
         counts=counts,
         learned=learned,
         reconstructed=made_up.reconstructed(),
-        harder=[harder],
+        conditions=Conditions([tried], made_up.CHANGES),
+        drawn={"icy": False},
     )
 
 
@@ -263,7 +266,7 @@ def many_content(content: PageContent, count: int) -> PageContent:
     trials = {source: [one.trials for one in counts if one.source == source] for source in OF_ALL_PAIRS}
     trials["learned"][3] = replace(trials["learned"][3], successes=0)
     trials[paths.RECONSTRUCTED] = content.trials[paths.RECONSTRUCTED]
-    planned = plan(trials, content.harder, SETTINGS, EvaluateParameters())
+    planned = plan(trials, content.conditions.tried, SETTINGS, EvaluateParameters())
     merges = [one.grasps for one in counts if one.source == "synthesized"]
     funnels = [replace(content.funnels[0], object_name=f"first_{index}") for index in range(count)]
     quality = {(one.first, one.second): content.learned.quality["cube", "can"] for one in merges}
@@ -285,7 +288,7 @@ def many_content(content: PageContent, count: int) -> PageContent:
             replace(view, first=one.first, second=one.second, strips=[strips[strip] for strip in one.strips])
             for one in planned.shown
         ],
-        trial_tables=listed | {key: rows for key, rows in content.trial_tables.items() if key[0].startswith(HARDER)},
+        trial_tables=listed | {key: rows for key, rows in content.trial_tables.items() if series_of(key[0])},
         counts=counts,
         worst=planned.worst,
         learned=learned,

@@ -27,8 +27,8 @@ def summary() -> dict:
     counted = [pair_trials("cube", side, trials) for side in SIDES]
     sources = {"synthesized": counted, "learned": counted}
     reconstructions = {"demo": made_up.RECONSTRUCTION}
-    learned, harder = made_up.learned("cube", SIDES), [made_up.harder("cube", SIDES)]
-    return summarize("tiny", funnels, merges, sources, reconstructions, learned, harder)
+    learned, tried = made_up.learned("cube", SIDES), [made_up.tried("cube", SIDES)]
+    return summarize("tiny", funnels, merges, sources, reconstructions, learned, tried)
 
 
 OBJECTS = MOST_PAIRS + 1
@@ -132,9 +132,9 @@ def test_headline_figures(summary):
     assert summary["evaluate.synthesized.planning_failure_rate"] == pytest.approx(1 / 3, abs=1e-6)
 
 
-def test_figures_of_a_harder_setting(summary):
-    assert summary["evaluate.harder.icy.trials"] == 6
-    assert summary["evaluate.harder.icy.failed.first_slip"] == pytest.approx(1 / 6, abs=1e-6)
+def test_figures_of_a_condition(summary):
+    assert summary["evaluate.conditions.icy.sapien.synthesized.trials"] == 6
+    assert summary["evaluate.conditions.icy.sapien.synthesized.failed.first_slip"] == pytest.approx(1 / 6, abs=1e-6)
 
 
 def test_figures_of_the_model(summary):

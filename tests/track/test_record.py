@@ -184,15 +184,15 @@ def test_rates_are_tables_of_objects_and_pairs():
         "validate.survival_rate_mean": 0.5,
         "evaluate.learned.cube--soup_can.success_rate": 1,
         "evaluate.learned.cube--soup_can.success_rate_10cm": 0.5,
-        "evaluate.harder.icy.cube--soup_can.success_rate": 0.25,
-        "evaluate.harder.icy.success_rate_mean": 0.25,
+        "evaluate.conditions.icy.sapien.learned.cube--soup_can.success_rate": 0.25,
+        "evaluate.conditions.icy.sapien.learned.success_rate_mean": 0.25,
         "scale": "demo",
     }
     assert survival_rows(summary) == [("cube, pinch", 0.5)]
     many = {"evaluate.learned.success_rate_median": 0.9, "validate.side.survival_rate_quartile_1": 0.2}
     assert success_rows(many) == [("median: learned", 0.9)]
     assert survival_rows(many) == [("quartile_1, side", 0.2)]
-    assert success_rows(summary) == [("cube, soup_can: icy", 0.25), ("cube, soup_can: learned", 1.0)]
+    assert success_rows(summary) == [("cube, soup_can: icy, sapien, learned", 0.25), ("cube, soup_can: learned", 1.0)]
     lines = csv.reader(csv_text("object", survival_rows(summary)).splitlines())
     assert list(lines) == [["object", "rate"], ["cube, pinch", "0.5"]]
 
@@ -229,6 +229,7 @@ def test_metrics_of_all_items_go_to_the_stage_that_makes_them_all():
         "merge.cube--can.accepted": 4,
         "sample.cube--can.tried": 9,
         "evaluate.learned.trials": 25,
+        "evaluate.conditions.icy.sapien.learned.lost": 0.5,
         "evaluate.harder.placement.lost": 0.25,
         "reconstruct.demo.alignment_mm": 0.1,
     }
@@ -237,7 +238,8 @@ def test_metrics_of_all_items_go_to_the_stage_that_makes_them_all():
     assert stage_metrics("sample@learned", metrics) == {"cube--can.tried": 9}
     assert stage_metrics("sample@reconstructed", metrics) == {} == stage_metrics("evaluate@synthesized", metrics)
     assert stage_metrics("evaluate@learned", metrics) == {"trials": 25}
-    assert stage_metrics("evaluate-harder", metrics) == {"placement.lost": 0.25}
+    assert stage_metrics("evaluate-conditions", metrics) == {"icy.sapien.learned.lost": 0.5}
+    assert stage_metrics("evaluate-harder", metrics) == {"placement.lost": 0.25}  # of an earlier result
     assert stage_metrics("reconstruct", metrics) == {"demo.alignment_mm": 0.1}
 
 

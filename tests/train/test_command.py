@@ -42,7 +42,7 @@ def workplace(tmp_path_factory, repository: Path, objects, tables) -> Path:
     values["renderings"] = {CAPTURE: {"objects": {name: {"position": [0.0, 0.0]} for name in ("cube", "can")}}}
     values["captures"] = {CAPTURE: {"folder": str(paths.capture_folder(CAPTURE))}}
     values["reconstructed"] = {"cube": {"capture": CAPTURE, "side": ["can"]}}
-    values["harder"] |= {"pairs": [], "settings": {}}
+    values["conditions"] |= {"pairs": [], "settings": {}}
     for part, changes in TINY.items():
         values["train"][part] |= changes
     values["compute"]["workers"] = 1

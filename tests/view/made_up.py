@@ -35,7 +35,7 @@ def box(name: str, extents: tuple[float, float, float]) -> PreparedObject:
 
 
 def write_parameters(repository: Path, folder: Path) -> None:
-    """A params.yaml with one pair, one capture and one harder setting."""
+    """A params.yaml with one pair, one capture and one condition."""
     shutil.copy(repository / "params.yaml", folder)
     values = yaml.safe_load((folder / "params.yaml").read_text())
     values["styles"] = {"pinch": ["cube"], "side": ["soup_can"]}
@@ -43,7 +43,6 @@ def write_parameters(repository: Path, folder: Path) -> None:
     demo = values["renderings"]["demo"]
     demo["objects"] = {name: demo["objects"][name] for name in ("cube", "soup_can")}
     values["reconstructed"] = {"cube": {"capture": "demo", "side": ["soup_can"]}}
-    values["harder"]["pairs"] = [["cube", "soup_can"]]
-    values["harder"]["settings"] = {"placement": values["harder"]["settings"]["placement"]}
-    values["harder"]["settings"]["placement"]["evaluate"]["sponge_height"] = 0.07
+    conditions = values["conditions"]
+    conditions |= {"pairs": [["cube", "soup_can"]], "settings": {"low": {"evaluate": {"sponge_height": 0.07}}}}
     (folder / "params.yaml").write_text(yaml.safe_dump(values))

@@ -62,7 +62,7 @@ def project(bare: Path) -> Path:
         write_table(paths.validated_file(style, name), made_up.validated(style, name), VALIDATED)
     write_pairs(paths.merged_file("cube"), made_up.merged("cube", "soup_can"), PAIR_GRASPS)
     write_pairs(paths.trials_file("synthesized", "cube"), made_up.trials("cube", ["soup_can"]), PAIR_TRIALS)
-    write_pairs(paths.harder_file("placement"), made_up.trials("cube", ["soup_can"]), PAIR_TRIALS)
+    write_pairs(paths.series_file("learned-low-sapien"), made_up.trials("cube", ["soup_can"]), PAIR_TRIALS)
     return bare
 
 
@@ -86,7 +86,7 @@ def test_every_missing_table_names_the_stage_that_makes_it(bare: Path) -> None:
         CANDIDATES_VIEW: ["synthesize@pinch", "synthesize@side"],
         VALIDATED_VIEW: ["validate@pinch", "validate@side"],
         MERGED_VIEW: ["merge", "sample@learned", "sample@reconstructed"],
-        TRIALS_VIEW: ["evaluate@synthesized", "evaluate@learned", "evaluate@reconstructed", "evaluate-harder"],
+        TRIALS_VIEW: ["evaluate@synthesized", "evaluate@learned", "evaluate@reconstructed", "evaluate-conditions"],
         RECONSTRUCTIONS: ["reconstruct"],
     }.items():
         assert all(f"run `dvc repro {stage}` to make it" in said[view] for stage in stages), said[view]
@@ -107,8 +107,8 @@ def test_index_names_every_row(project: Path) -> None:
     trials = library.index(TRIALS_VIEW)[0].set_index("name")
     assert list(trials.index[:3]) == [f"evaluate/synthesized/cube/soup_can/{number}" for number in range(3)]
     assert list(trials["outcome"][:3]) == ["success", "failure", "failure"]
-    assert trials.loc["evaluate/harder/placement/cube/soup_can/2", "reason"] == "dropped in hold"
-    assert sponge_height(library.parameters, "harder/placement") == 0.07
+    assert trials.loc["evaluate/conditions/learned-low-sapien/cube/soup_can/2", "reason"] == "dropped in hold"
+    assert sponge_height(library.parameters, "learned-low-sapien") == 0.07
     assert sponge_height(library.parameters, "learned") == 0.1
 
 
@@ -210,7 +210,9 @@ def test_numbers_are_in_the_units_that_they_name() -> None:
     assert VALIDATION["table:drift"] in shown
     assert "| table drift | 23.40 mm |" in shown and "| energy | 0.250 |" in shown
     assert "| worst gravity drift | 12.30 mm |" in shown
-    assert facts.replay_command("evaluate/harder/placement/cube/soup_can/2") == ""
+    assert facts.replay_command("evaluate/conditions/learned-low-sapien/cube/can/2") == (
+        "./dev replay learned-low-sapien/cube/can/2"
+    )
 
 
 def test_server_starts_where_no_stage_has_run(bare: Path, repository: Path) -> None:

@@ -73,7 +73,7 @@ def test_pages_hold_the_row(place: int, expected: tuple[int, int]) -> None:
         ("data/merge/cube.parquet", "merge/cube"),
         ("data/sample/learned/cube.parquet", "sample/learned/cube"),
         ("synthesized/cube/can/3", "evaluate/synthesized/cube/can/3"),
-        ("harder/placement/cube/can/3", "evaluate/harder/placement/cube/can/3"),
+        ("learned-low-sapien/cube/can/3", "evaluate/conditions/learned-low-sapien/cube/can/3"),
         ("data/prepare/cube/", "prepare/cube"),
         ("data/reconstruct/demo/objects/cube", "reconstruct/demo/cube"),
     ],

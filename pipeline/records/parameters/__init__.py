@@ -25,9 +25,9 @@ from pipeline.records.errors import UserError, first_mistake
 from pipeline.records.hands import ALLEGRO, description_file
 from pipeline.records.parameters.capture import CaptureParameters, ReconstructedParameters, RenderingParameters
 from pipeline.records.parameters.compute import ComputeParameters
+from pipeline.records.parameters.conditions import ConditionsParameters, under
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.hand import read_description
-from pipeline.records.parameters.harder import HarderParameters, overridden
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.names import require_name
 from pipeline.records.parameters.objects import MeshParameters, ObjectParameters, StylesParameters
@@ -44,9 +44,9 @@ from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.records.texts import parse_yaml
 
 # What the members of a section are, where they are not objects.
-_KINDS = {"harder": "setting"}
+_KINDS = {"conditions": "condition"}
 # A stage that reads one of these handles two objects, the arm or the learned model.
-_OF_THE_ALLEGRO = ("merge", "train", "evaluate", "harder", "report")
+_OF_THE_ALLEGRO = ("merge", "train", "evaluate", "conditions", "report")
 OBJECT_NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
@@ -89,7 +89,7 @@ class Parameters(Section):
     merge: MergeParameters
     train: TrainParameters
     evaluate: EvaluateParameters
-    harder: HarderParameters
+    conditions: ConditionsParameters
     reconstruct: ReconstructParameters
     report: ReportParameters
     track: TrackParameters
@@ -220,32 +220,33 @@ class Parameters(Section):
         return self
 
     @model_validator(mode="after")
-    def _harder_settings_agree(self) -> Parameters:
+    def _conditions_agree(self) -> Parameters:
         if self.hand != ALLEGRO:  # then nothing reads them, and a composed file keeps those of its scale
             return self
         known = set(self.sequences())
-        for names in self.harder.pairs:
+        for names in self.conditions.pairs:
             if names not in known:
                 raise ValueError(
-                    f"harder.pairs: {', '.join(names)} is not a pair according to styles and pairs; remove it"
+                    f"conditions.pairs: {', '.join(names)} is not a pair according to styles and pairs; remove it"
                 )
-        if self.harder.settings and self.harder.trials > self.evaluate.trials:
-            raise ValueError(f"harder.trials must not exceed evaluate.trials ({self.evaluate.trials})")
-        for name, setting in self.harder.settings.items():
+        if self.conditions.settings and self.conditions.trials > self.evaluate.trials:
+            raise ValueError(f"conditions.trials must not exceed evaluate.trials ({self.evaluate.trials})")
+        for name, condition in self.conditions.settings.items():
+            where = f"conditions.settings.{name}"
             if not OBJECT_NAME.fullmatch(name):
                 raise ValueError(
-                    f"setting name {name!r} in harder.settings: use lower-case letters, digits and underscores, and "
-                    f"begin with a letter"
+                    f"condition name {name!r} in conditions.settings: use lower-case letters, digits and underscores, "
+                    f"and begin with a letter"
                 )
-            if "trials" in setting.evaluate:
-                raise ValueError(
-                    f"harder.settings.{name}.evaluate.trials: remove it; harder.trials holds for all settings"
-                )
-            for section in ("evaluate", "physics"):
+            if "trials" in condition.evaluate:
+                raise ValueError(f"{where}.evaluate.trials: remove it; conditions.trials holds for all conditions")
+            if "frequency" in condition.physics or "control_frequency" in condition.evaluate:
+                raise ValueError(f"{where}: remove its frequency, which must be the same under all conditions")
+            for engine in self.conditions.engines_of(name):
                 try:
-                    overridden(getattr(self, section), getattr(setting, section))
+                    under(condition, engine, self.evaluate, self.physics)
                 except ValueError as error:
-                    raise ValueError(f"harder.settings.{name}.{section}: {error}") from error
+                    raise ValueError(f"{where} with {engine}: {error}") from error
         return self
 
     @model_validator(mode="after")
@@ -255,11 +256,6 @@ class Parameters(Section):
             raise ValueError(f"synthesize.energy.object_points must not exceed prepare.surface_points ({samples})")
         if self.physics.frequency % self.evaluate.control_frequency:
             raise ValueError(f"evaluate.control_frequency must divide physics.frequency ({self.physics.frequency})")
-        for name, setting in self.harder.settings.items():
-            if {"frequency"} & set(setting.physics) or {"control_frequency"} & set(setting.evaluate):
-                raise ValueError(
-                    f"harder.settings.{name}: remove its frequency, which must be the same in all settings"
-                )
         return self
 
     def sequences(self) -> list[tuple[str, ...]]:

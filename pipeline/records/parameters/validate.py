@@ -36,12 +36,12 @@ class ValidateParameters(Section):
         description="[m] Distance by which the contacts are commanded into the object along the inward normal when the "
         "hand squeezes. Paper's code: 0.03.",
     )
-    contact_offset: float = Field(
+    sapien_contact_offset: float = Field(
         0.005,
         gt=0,
         le=0.1,
         description="[m] Distance at which PhysX starts to generate contacts in tests with a floating hand; replaces "
-        "physics.contact_offset there. Paper's code: 0.02.",
+        "physics.sapien.contact_offset there. Paper's code: 0.02.",
     )
     contact_impulse: float = Field(
         0.01,
@@ -86,5 +86,6 @@ class ValidateParameters(Section):
     )
 
     def for_floating_hand(self, physics: PhysicsParameters) -> PhysicsParameters:
-        """Return ``physics`` with the contact offset of the tests with a floating hand."""
-        return physics.model_copy(update={"contact_offset": self.contact_offset})
+        """Return ``physics`` with PhysX's contact offset of the tests with a floating hand."""
+        sapien = physics.sapien.model_copy(update={"contact_offset": self.sapien_contact_offset})
+        return physics.model_copy(update={"sapien": sapien})

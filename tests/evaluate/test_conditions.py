@@ -1,4 +1,4 @@
-"""Trials in a harder setting: the same grasps, seeds and random numbers as the standard ones."""
+"""Trials under other conditions: the same grasps, seeds and random numbers as the standard ones."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ import pandas as pd
 import pytest
 import yaml
 
-from pipeline.evaluate.harder import inputs_of_setting, sections
+from pipeline.evaluate.conditions import inputs_of_series, pairs_of, sections, series_to_run
 from pipeline.evaluate.inputs import inputs_of
 from pipeline.evaluate.scene import placement_offsets
 from pipeline.records import paths
 from pipeline.records.objects import write_prepared_object
 from pipeline.records.parameters import load_parameters
+from pipeline.records.parameters.conditions import Condition, overridden, under
 from pipeline.records.parameters.evaluate import EvaluateParameters
-from pipeline.records.parameters.harder import overridden
 from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.series import TrialSeries, series_of
 from pipeline.records.tables import MERGED, write_table
 from tests.evaluate.conftest import HAND
 
@@ -28,16 +29,17 @@ def test_sections_exist_in_the_committed_parameters(repository: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("setting", "sentence"),
+    ("series", "sentence"),
     [
-        ("windy", "there is no setting 'windy' under `harder.settings`"),
-        ("placement", "data/prepare/cube/object.json is missing; delete the folder and run `dvc repro prepare`"),
+        ("synthesized-windy-sapien", "there is no series 'synthesized-windy-sapien' under `conditions`"),
+        ("synthesized-paper-sapien", "there is no series 'synthesized-paper-sapien'"),  # they are the standard trials
+        ("synthesized-mu_0_5-sapien", "data/prepare/cube/object.json is missing; delete the folder and run `dvc"),
     ],
 )
-def test_bad_input_is_one_sentence(run_module, tmp_path, repository, setting, sentence) -> None:
+def test_bad_input_is_one_sentence(run_module, tmp_path, repository, series, sentence) -> None:
     (tmp_path / "params.yaml").write_text((repository / "params.yaml").read_text())
     environment = os.environ | {"PYTHONPATH": str(repository)}
-    done = run_module("pipeline.evaluate.harder", "--setting", setting, folder=tmp_path, env=environment)
+    done = run_module("pipeline.evaluate.conditions", "--series", series, folder=tmp_path, env=environment)
     assert done.returncode == 2 and sentence in done.stderr
     assert len([line for line in done.stderr.strip().splitlines() if "%|" not in line]) == 1  # beside the progress
     assert not list(tmp_path.rglob("*.parquet"))
@@ -52,6 +54,31 @@ def test_only_the_named_values_differ() -> None:
         overridden(standard, {"hand_torque": 50})
 
 
+def test_one_friction_is_that_of_every_two_materials() -> None:
+    _, physics = under(Condition(friction=0.4), "sapien", EvaluateParameters(), PhysicsParameters())
+    materials = {name: value for name, value in dict(physics).items() if "friction" in name}
+    assert len(materials) == 5 and set(materials.values()) == {0.4}  # so that the mean of any two is 0.4 as well
+
+
+def test_series_are_named_by_source_condition_and_engine() -> None:
+    series = TrialSeries("learned", "mu_0_5", "sapien")
+    assert series_of(str(series)) == series
+    assert [series_of(name) for name in ("learned", "guessed-mu_0_5-sapien", "a-b-c-d")] == [None] * 3
+
+
+def test_every_source_runs_under_every_condition_that_is_not_the_standard(repository: Path) -> None:
+    parameters = load_parameters(sections(), repository / "params.yaml")
+    conditions, found = parameters["conditions"], series_to_run(parameters)
+    assert len(found) == len(conditions.sources) * (len(conditions.settings) - 1)
+    assert not any("paper" in name for name in found)
+    without_photos = series_to_run({**parameters, "reconstructed": {}})
+    assert {name: series for name, series in found.items() if series.source != "reconstructed"} == without_photos
+    photographed = pairs_of(TrialSeries("reconstructed", "mu_0_5", "sapien"), parameters)
+    sides = {first: item.side for first, item in parameters["reconstructed"].items()}
+    assert photographed == [(first, second) for first, side in sides.items() for second in side]
+    assert pairs_of(TrialSeries("learned", "mu_0_5", "sapien"), parameters) == list(conditions.pairs)
+
+
 def test_a_wider_placement_stretches_the_same_offsets() -> None:
     standard = EvaluateParameters(perturbation=0.005, yaw_perturbation=0.1)
     wider = overridden(standard, {"perturbation": 0.01, "yaw_perturbation": 0.2})
@@ -63,7 +90,7 @@ def test_fewer_trials_are_the_first_of_the_standard_ones(tmp_path, repository, m
     monkeypatch.chdir(tmp_path)
     values = yaml.safe_load((repository / "params.yaml").read_text())
     values["evaluate"]["trials"] = 6
-    values["harder"] |= {"pairs": [["cube", "slender_cylinder"]], "trials": 2}
+    values["conditions"] |= {"pairs": [["cube", "slender_cylinder"]], "trials": 2}
     Path("params.yaml").write_text(yaml.safe_dump(values))
     for prepared in objects:
         write_prepared_object(paths.prepared_folder(prepared.name), prepared)
@@ -73,10 +100,13 @@ def test_fewer_trials_are_the_first_of_the_standard_ones(tmp_path, repository, m
         for i in range(9)
     ]
     write_table(paths.merged_file("cube"), pd.DataFrame(rows, columns=MERGED.names), MERGED)
-    harder = inputs_of_setting("simulator_torque/cube/slender_cylinder", load_parameters(sections()), HAND)
+    parameters = load_parameters(sections())
+    strong = inputs_of_series("synthesized-simulator_torque-sapien/cube/slender_cylinder", parameters, HAND)
+    drawn = inputs_of_series("synthesized-distribution-sapien/cube/slender_cylinder", parameters, HAND)
     parameters = load_parameters(["seed", "styles", "picks", "physics", "evaluate"])
     standard = inputs_of("synthesized", ("cube", "slender_cylinder"), parameters, HAND)[:2]
-    for one, other in zip(harder, standard, strict=True):
-        assert (one.trial, one.seed) == (other.trial, other.seed)
+    for one, other, third in zip(strong, standard, drawn, strict=True):
+        assert (one.trial, one.seed) == (other.trial, other.seed) == (third.trial, third.seed)
         assert [grasp.merged_id for grasp in one.grasps] == [grasp.merged_id for grasp in other.grasps]
         assert (one.physics.hand_torque_limit, other.physics.hand_torque_limit) == (50.0, 0.7)
+        assert one.distribution is None is other.distribution and third.distribution is not None

@@ -1,0 +1,124 @@
+"""MuJoCo as the physics engine.
+
+A contact in MuJoCo is a spring, so what begins in an overlap is thrown out of it, and a light object between fingers
+that begin to squeeze with all their torque gets a kick. A squeeze therefore begins gently; see
+:meth:`MujocoWorld.squeeze`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pipeline.hand.model import Hand
+from pipeline.physics.engine import Robot, steps_in
+from pipeline.physics.mujoco_bodies import MujocoBody, MujocoCarrier, add_box, add_free_body
+from pipeline.physics.mujoco_robots import MujocoRobot, add_robot
+from pipeline.physics.mujoco_simulation import Simulation
+from pipeline.records.objects import PreparedObject
+from pipeline.records.parameters.physics import PhysicsParameters
+
+# s; in it an object that nothing touches loses 63 % of its speed while a squeeze begins. Thrown out of an overlap by a
+# contact with time constant T it has at most overlap / (e T), so it comes to rest within the overlap once more.
+CALM_SECONDS = 0.01
+
+
+class MujocoWorld:
+    """A MuJoCo model and its state; see :class:`pipeline.physics.engine.World` for what it does.
+
+    It is built when it is first stepped or read, and takes nothing more after that.
+    """
+
+    def __init__(self, settings: PhysicsParameters, gravity: ArrayLike) -> None:
+        """Make an empty world with ``gravity`` (3,), m/s2, world frame."""
+        self.settings = settings
+        self.robots: list[MujocoRobot] = []
+        self.objects: list[MujocoBody] = []
+        self._simulation = Simulation(settings, gravity)
+        self._carriers: list[MujocoCarrier] = []
+        self._link_names: dict[str, str] = {}  # by body
+
+    @property
+    def frequency(self) -> int:
+        """Physics steps per second."""
+        return self.settings.frequency
+
+    @property
+    def asleep(self) -> bool:
+        """Unknown: contacts creep."""
+        return False
+
+    def step(self, count: int = 1) -> None:
+        """Advance by ``count`` steps."""
+        for robot in self.robots:
+            robot.drive()
+        if not self._carriers:
+            self._simulation.step(count)
+            return
+        for _ in range(count):
+            for carrier in self._carriers:
+                carrier.set_off()
+            self._simulation.step(1)
+            for carrier in self._carriers:
+                carrier.arrive()
+
+    def squeeze(self, robot: Robot, q: ArrayLike) -> None:
+        """Move the targets to ``q`` (n,), rad, in ``squeeze_seconds``, without gravity and with objects in honey."""
+        begin, end = robot.q, np.asarray(q, np.float64)
+        steps = steps_in(self.settings.mujoco.squeeze_seconds, self.frequency)
+        with self._calm():
+            for step in range(1, steps + 1):
+                robot.set_targets(begin + step / steps * (end - begin))
+                self.step()
+
+    @contextmanager
+    def _calm(self) -> Iterator[None]:
+        """Take gravity away, and the objects' speed within ``CALM_SECONDS``."""
+        model = self._simulation.model
+        gravity = model.opt.gravity.copy()
+        model.opt.gravity[:] = 0.0
+        for body in self.objects:
+            own = body.velocities
+            mass, inertia = model.body(body.name).mass, model.body(body.name).inertia
+            model.dof_damping[own] = np.concatenate([np.repeat(mass, 3), np.repeat(inertia.max(), 3)]) / CALM_SECONDS
+        yield
+        model.opt.gravity[:] = gravity
+        for body in self.objects:
+            model.dof_damping[body.velocities] = 0.0
+
+    def add_hand(self, hand: Hand, T_world_hand: ArrayLike, q: ArrayLike) -> MujocoRobot:
+        """Add a hand alone, root link at ``T_world_hand`` (4, 4), at rest at ``q`` (J,), rad."""
+        return self._add_robot(False, T_world_hand, hand, q)
+
+    def add_arm(self, hand: Hand, q: ArrayLike) -> MujocoRobot:
+        """Add a hand on the arm, ``panda_link0`` at the world's origin, at rest at ``q`` (n,), rad."""
+        return self._add_robot(True, np.eye(4), hand, q)
+
+    def _add_robot(self, arm: bool, T_world_root: ArrayLike, hand: Hand, q: ArrayLike) -> MujocoRobot:
+        prefix = f"robot{len(self.robots)}/"
+        robot = add_robot(self._simulation, arm, T_world_root, hand, q, prefix)
+        self.robots.append(robot)
+        links = {body.name for body in self._simulation.spec.bodies if body.name.startswith(prefix)}
+        self._link_names.update({link: link.removeprefix(prefix) for link in links})
+        return robot
+
+    def add_object(self, prepared: PreparedObject, T_world_object: ArrayLike, name: str) -> MujocoBody:
+        """Add an object at ``T_world_object`` (4, 4)."""
+        add_free_body(self._simulation, prepared, T_world_object, name)
+        self.objects.append(MujocoBody(name, self._simulation, self._link_names))
+        return self.objects[-1]
+
+    def add_box(self, half_size: ArrayLike, T_world_box: ArrayLike, name: str) -> MujocoBody:
+        """Add a fixed box, ``half_size`` (3,), its centre at ``T_world_box`` (4, 4)."""
+        add_box(self._simulation, half_size, T_world_box, name, slides=False)
+        return MujocoBody(name, self._simulation, self._link_names)
+
+    def add_carrier(self, half_size: ArrayLike, T_world_box: ArrayLike, name: str) -> MujocoCarrier:
+        """Add a box that moves by :meth:`MujocoCarrier.carry_to`."""
+        add_box(self._simulation, half_size, T_world_box, name, slides=True)
+        position = np.array(T_world_box, np.float64)[:3, 3]
+        self._carriers.append(MujocoCarrier(name, self._simulation, self._link_names, position))
+        return self._carriers[-1]
