@@ -34,6 +34,10 @@ class Body(Protocol):
         """
         ...
 
+    def push(self, force: ArrayLike) -> None:
+        """Apply ``force`` (3,), N, world frame, at the centre of mass of an object during the next step."""
+        ...
+
 
 class Carrier(Body, Protocol):
     """A box that moves as it is told and pushes aside or carries along what touches it."""

@@ -47,6 +47,10 @@ class SapienBody:
         """Move a kinematic body that is not turned to ``position`` (3,), m, during the next step."""
         self.component.kinematic_target = sapien.Pose(position)
 
+    def push(self, force: ArrayLike) -> None:
+        """Apply ``force`` (3,), N, world frame, at the centre of mass during the next step; PhysX then forgets it."""
+        self.component.add_force_torque(np.asarray(force, np.float32), np.zeros(3, np.float32), "force")
+
     def link_impulses(self) -> dict[str, NDArray[np.float64]]:
         """Return the impulse (3,), N s, world frame, from each touching link; while all sleeps the last ones stay."""
         total: dict[str, NDArray[np.float64]] = {}
