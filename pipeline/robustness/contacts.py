@@ -1,4 +1,4 @@
-"""The contacts of one held object as arrays: where the hand touches it, how it may push there, what that costs."""
+"""A grasp to be measured, and the contacts of one of its objects: where the hand touches it, and what moves there."""
 
 from __future__ import annotations
 
@@ -21,6 +21,16 @@ class Grip:
     held: HeldObject  # with its pose at the grasp
     fingers: tuple[str, ...]  # that hold it; the palm may be one
     contact_candidates: NDArray[np.int64]  # (n,) indices into Hand.contact_points
+
+
+@dataclass(frozen=True)
+class GraspInHand:
+    """A hand about to squeeze its objects."""
+
+    hand: Hand
+    grips: tuple[Grip, ...]  # in the order of picking
+    q: NDArray[np.float64]  # (J,) rad, joints of the grasp
+    squeeze_q: NDArray[np.float64]  # (J,) rad, drive targets
 
 
 @dataclass(frozen=True)

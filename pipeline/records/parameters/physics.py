@@ -7,6 +7,12 @@ from pydantic import Field
 from pipeline.records.parameters.section import Section
 
 
+def friction_of_all_contacts(friction: float) -> dict[str, float]:
+    """Return the values of `physics` with which every two touching bodies have the same friction coefficient."""
+    names = ("object_friction", "tip_static_friction", "tip_dynamic_friction", "link_friction", "support_friction")
+    return dict.fromkeys(names, friction)
+
+
 class PhysicsParameters(Section):
     """PhysX settings and materials; the frictions of two touching bodies are averaged."""
 
