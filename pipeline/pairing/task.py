@@ -13,6 +13,7 @@ from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.picks import PickParameters
 from pipeline.records.parameters.validate import ValidateParameters
+from pipeline.robustness.measures import Measuring
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,7 @@ class Task:
     supports: tuple[Support, ...]  # what each stands on
     merge: MergeParameters
     physics: PhysicsParameters
+    measuring: Measuring | None  # of grasps that pass; None: nothing
     validate: ValidateParameters  # directions, limits and opening of the single grasps' tests
 
     def waiting(self, number: int) -> tuple[str, ...]:
@@ -44,10 +46,11 @@ def task_of(
     merge: MergeParameters,
     physics: PhysicsParameters,
     validate: ValidateParameters,
+    measuring: Measuring | None = None,
 ) -> Task:
     """Return the task of picking ``objects`` as ``picks`` say."""
     supports = tuple(support_of(pick) for pick in picks)
-    return Task(hand, tuple(objects), groups_of(hand, picks), supports, merge, physics, validate)
+    return Task(hand, tuple(objects), groups_of(hand, picks), supports, merge, physics, measuring, validate)
 
 
 def groups_of(hand: Hand, picks: Sequence[PickParameters]) -> Groups:

@@ -30,26 +30,38 @@ from pipeline.shapes.distance_field import DistanceField
 from pipeline.shapes.mass import weighted
 
 CLOSE_SECONDS = 0.5
-DWELL_SECONDS = 0.3
+DWELL_SECONDS = 0.2
 HAND_POINTS = 2000  # about 5 mm apart
 GIVING_WAY = 20  # most moves of an object out of the opened hand
 
 
-def survives(
+def survived(
     grasp: GraspInHand,
+    conditions: Sequence[Condition],
+    physics: PhysicsParameters,
+    limits: ValidateParameters,
+    settings: RobustnessParameters,
+) -> list[bool]:
+    """Return, for each condition, whether the grasp survives it.
+
+    It does when every object is pressed by its own links at the end, and has moved and turned no more than ``limits``
+    allow. Motion counts from when the hand has closed: an object that was displaced is not expected to come back.
+    """
+    open_q = opened(grasp, settings.opening)
+    return [_survives(grasp, open_q, condition, physics, limits, settings) for condition in conditions]
+
+
+def _survives(
+    grasp: GraspInHand,
+    open_q: NDArray[np.float64],
     condition: Condition,
     physics: PhysicsParameters,
     limits: ValidateParameters,
     settings: RobustnessParameters,
 ) -> bool:
-    """Whether every object is pressed by its own links at the end, and moved and turned no more than ``limits`` allow.
-
-    Motion counts from when the hand has closed: an object that was displaced is not expected to come back.
-    """
     physics = limits.at_friction(condition.friction).for_floating_hand(physics)
     physics = physics.model_copy(update={"hand_torque_limit": condition.torque_limit})
     gravity = GRAVITY * grasp.grips[0].held.T_hand_object[:3, :3] @ condition.gravity
-    open_q = opened(grasp, settings.opening)
     world = make_world(physics, gravity)
     robot = world.add_hand(grasp.hand, np.eye(4), open_q)
     bodies, weights = [], []

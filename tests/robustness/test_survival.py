@@ -16,8 +16,8 @@ from pipeline.records.poses import inverse_pose, transform_points
 from pipeline.robustness.conditions import Condition, draw_conditions
 from pipeline.robustness.contacts import GraspInHand, Grip
 from pipeline.robustness.friction import lowest_friction, lowest_rung
-from pipeline.robustness.measures import grip_margins, physics_measures, survived_share
-from pipeline.robustness.survival import displaced, opened, survives
+from pipeline.robustness.measures import Measuring, margin_columns, physics_columns, survived_share
+from pipeline.robustness.survival import displaced, opened, survived
 from pipeline.shapes.distance_field import signed_distance
 from pipeline.shapes.mass import weighted
 from tests.physics.shapes import prepared_box
@@ -36,13 +36,14 @@ def block() -> tuple[GraspInHand, HeldGrasp]:
     return GraspInHand(HAND, (grip,), q, squeeze_q), HeldGrasp((held,), q, squeeze_q, HAND)
 
 
-def survived(**changes) -> bool:
-    return survives(block()[0], replace(EASY, **changes), PHYSICS, LIMITS, SETTINGS)
+def survives(**changes) -> bool:
+    (outcome,) = survived(block()[0], [replace(EASY, **changes)], PHYSICS, LIMITS, SETTINGS)
+    return outcome
 
 
 def test_an_easy_condition_is_survived():
-    assert survived()
-    assert survived(position_errors=np.array([[0.0, 0.002, 0.003]]), mass_factors=np.array([2.0]))
+    assert survives()
+    assert survives(position_errors=np.array([[0.0, 0.002, 0.003]]), mass_factors=np.array([2.0]))
 
 
 @pytest.mark.parametrize(
@@ -56,7 +57,7 @@ def test_an_easy_condition_is_survived():
     ],
 )
 def test_a_condition_beyond_all_limits_is_not_survived(changes):
-    assert not survived(**changes)
+    assert not survives(**changes)
 
 
 def test_a_push_accelerates_a_free_body_by_force_over_mass_and_is_then_forgotten():
@@ -149,10 +150,10 @@ def test_the_lowest_rung_is_found_in_three_tests(least):
 def test_physics_loses_a_block_near_the_weight_that_the_margin_calls_the_largest(friction):
     """The margin is an upper bound, and close to the truth for two fingertips on opposite faces."""
     grasp, held = block()
-    (margin,) = grip_margins(grasp, PHYSICS, SETTINGS.model_copy(update={"friction": friction}))
+    (margin,) = margin_columns(grasp, PHYSICS, SETTINGS.model_copy(update={"friction": friction}))
 
     def holds(share: float) -> bool:
-        heavy = weighted(grasp.grips[0].held.prepared, share * margin.mass_factor, np.zeros(3))
+        heavy = weighted(grasp.grips[0].held.prepared, share * margin["margin_mass_factor"], np.zeros(3))
         return (
             lowest_friction(
                 replace(held, objects=(replace(held.objects[0], prepared=heavy),)), PHYSICS, LIMITS, [friction]
@@ -166,14 +167,14 @@ def test_physics_loses_a_block_near_the_weight_that_the_margin_calls_the_largest
 def test_measures_left_out_by_the_settings_are_missing():
     grasp, held = block()
     off = SETTINGS.model_copy(update={"ladder": [], "conditions": 0})
-    assert physics_measures(grasp, held, [], PHYSICS, LIMITS, off) == {}
-    one = physics_measures(grasp, held, [EASY], PHYSICS, LIMITS, off)
+    assert physics_columns(grasp, held, Measuring(off, ()), PHYSICS, LIMITS) == {}
+    one = physics_columns(grasp, held, Measuring(off, (EASY,)), PHYSICS, LIMITS)
     assert one["robustness"] == 1.0 and set(one) == {"robustness", "robustness_low", "robustness_high"}
 
 
 def test_the_interval_is_wilson_s():
     """12 of 16 by the formula: centre (p + z2/2n)/(1 + z2/n), z = 1.96."""
-    found = survived_share(12, 16)
+    found = survived_share([True] * 12 + [False] * 4)
     z2 = 1.959964**2
     centre, half = (0.75 + z2 / 32) / (1 + z2 / 16), np.sqrt(z2) / (1 + z2 / 16) * np.sqrt(0.1875 / 16 + z2 / 1024)
     assert found["robustness"] == 0.75
