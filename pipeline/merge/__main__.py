@@ -56,7 +56,7 @@ def merge(only: str) -> None:
     from pipeline.pairing.task import groups_of, task_of
     from pipeline.robustness.measures import measuring
 
-    settings, checks = parameters["merge"], [parameters[name] for name in ("merge", "physics", "validate")]
+    settings = parameters["merge"]
     hand = load_hand(ALLEGRO)
     groups = groups_of(hand, picks)
     tables = Tables(paths.merged_file("").parent, MERGED, ("objects",))
@@ -77,7 +77,9 @@ def merge(only: str) -> None:
                     hand,
                     picks,
                     [objects[name] for name in names],
-                    *checks,
+                    settings,
+                    parameters["physics"],
+                    parameters["validate"],
                     measuring(parameters["robustness"], seed, *names),
                 ),
                 tuple(grasps(number, name) for number, name in enumerate(names)),

@@ -174,11 +174,11 @@ def gravity(tried: Attempt) -> Finding:
 
     The test begins with all objects but the last settled in the squeezing fingers.
     """
-    task, grasp = tried.task, tried.grasp
+    task = tried.task
     if not task.merge.physics_test:
         return {}, None
-    held = held_objects(tried, grasp.T_hand_held)
-    holding = hold_in_gravities(task.physics, task.validate, held, grasp.held_q, grasp.squeeze_q, task.hand)
+    held = settled_grasp(tried)
+    holding = hold_in_gravities(task.physics, task.validate, held.objects, held.q, held.squeeze_q, held.hand)
     return {"gravity_drift": holding.drift.max(1)}, MergeReason.GRAVITY if holding.failed_direction else None
 
 
@@ -191,23 +191,30 @@ def held_objects(tried: Attempt, poses: Sequence[NDArray[np.float64]]) -> list[H
     ]
 
 
-def measures(tried: Attempt, measuring: Measuring) -> dict[str, Any]:
-    """Return the measures of a grasp that passed all checks, those in physics where it was tested there.
-
-    Margins and drawn conditions begin with the grasp as planned, the test of holding as objects have settled.
-    """
+def planned_grasp(tried: Attempt) -> GraspInHand:
+    """Return the grasp as it was planned, before anything has settled: where margins and drawn conditions begin."""
     task, grasp = tried.task, tried.grasp
     grips = tuple(
         Grip(held, single.fingers, single.contact_candidates)
         for held, single in zip(held_objects(tried, grasp.T_hand_object), grasp.singles, strict=True)
     )
-    planned = GraspInHand(task.hand, grips, grasp.q, grasp.squeeze_q)
+    return GraspInHand(task.hand, grips, grasp.q, grasp.squeeze_q)
+
+
+def settled_grasp(tried: Attempt) -> HeldGrasp:
+    """Return the grasp with all objects but the last settled: where the test of holding begins."""
+    grasp = tried.grasp
+    return HeldGrasp(tuple(held_objects(tried, grasp.T_hand_held)), grasp.held_q, grasp.squeeze_q, tried.task.hand)
+
+
+def measures(tried: Attempt, measuring: Measuring) -> dict[str, Any]:
+    """Return the measures of a grasp that passed all checks, those in physics where it was tested there."""
+    task, planned = tried.task, planned_grasp(tried)
     margins = margin_columns(planned, task.physics, measuring.settings)
     columns: dict[str, Any] = {f"{name}s": [own[name] for own in margins] for name in MARGINS.names}
     if not task.merge.physics_test:
         return columns
-    settled = HeldGrasp(tuple(held_objects(tried, grasp.T_hand_held)), grasp.held_q, grasp.squeeze_q, task.hand)
-    return columns | physics_columns(planned, settled, measuring, task.physics, task.validate)
+    return columns | physics_columns(planned, settled_grasp(tried), measuring, task.physics, task.validate)
 
 
 CHECKS: tuple[Callable[[Attempt], Finding], ...] = (

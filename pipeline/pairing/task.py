@@ -26,8 +26,8 @@ class Task:
     supports: tuple[Support, ...]  # what each stands on
     merge: MergeParameters
     physics: PhysicsParameters
-    measuring: Measuring | None  # of grasps that pass; None: nothing
     validate: ValidateParameters  # directions, limits and opening of the single grasps' tests
+    measuring: Measuring | None = None  # of grasps that pass; None: nothing
 
     def waiting(self, number: int) -> tuple[str, ...]:
         """Return the fingers that belong to the objects picked after one."""
@@ -50,7 +50,7 @@ def task_of(
 ) -> Task:
     """Return the task of picking ``objects`` as ``picks`` say."""
     supports = tuple(support_of(pick) for pick in picks)
-    return Task(hand, tuple(objects), groups_of(hand, picks), supports, merge, physics, measuring, validate)
+    return Task(hand, tuple(objects), groups_of(hand, picks), supports, merge, physics, validate, measuring)
 
 
 def groups_of(hand: Hand, picks: Sequence[PickParameters]) -> Groups:

@@ -29,8 +29,8 @@ from pipeline.robustness.contacts import GraspInHand, grip_contacts
 from pipeline.shapes.distance_field import DistanceField
 from pipeline.shapes.mass import weighted
 
-CLOSE_SECONDS = 0.5
-DWELL_SECONDS = 0.2
+CLOSE_SECONDS = 0.3
+DWELL_SECONDS = 0.1
 HAND_POINTS = 2000  # about 5 mm apart
 GIVING_WAY = 20  # most moves of an object out of the opened hand
 

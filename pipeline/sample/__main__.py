@@ -213,10 +213,17 @@ def _request(parameters: dict[str, Any], hand: Hand, objects: Any, points: Any, 
     from pipeline.robustness.measures import measuring
     from pipeline.sample.proposals import SampleRequest
 
-    checks = (parameters[name] for name in ("merge", "physics", "validate"))
     own = measuring(parameters["robustness"], parameters["seed"], *(item.name for item in objects))
     return SampleRequest(
-        pair=task_of(hand, parameters["picks"], objects, *checks, own),
+        pair=task_of(
+            hand,
+            parameters["picks"],
+            objects,
+            parameters["merge"],
+            parameters["physics"],
+            parameters["validate"],
+            own,
+        ),
         points=points,
         settings=parameters["train.sampling"],
         energy=parameters["synthesize.energy"],

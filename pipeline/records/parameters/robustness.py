@@ -62,7 +62,7 @@ class RobustnessParameters(Section):
         le=0.05,
         description="[m] How far the contact points move outwards before the hand closes on displaced objects.",
     )
-    hold_seconds: float = Field(1.0, gt=0, le=20, description="[s] Time for which the objects must be held.")
+    hold_seconds: float = Field(0.8, gt=0, le=20, description="[s] Time for which the objects must be held.")
     shove_force: float = Field(
         1.0, ge=0, le=100, description="[N] Maximum force on each object, in any direction, half-way through the hold."
     )
