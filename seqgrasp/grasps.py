@@ -82,15 +82,24 @@ def validate(candidates: pd.DataFrame, prepared: PreparedObject, parameters: Par
 
     Args:
         candidates: of :func:`synthesize` or :func:`candidates_of`.
-        parameters: of which `physics`, `validate` and `compute` are used.
+        parameters: of which `seed`, `physics`, `validate`, `robustness` and `compute` are used.
     """
     from pipeline.hand.support import PLANE
+    from pipeline.robustness.measures import measuring
     from pipeline.validate.table import validate_table
 
     limits = parameters.validate_.model_copy(update={"most_candidates": len(candidates)})
     label = f"validate {prepared.name}"
     return validate_table(
-        candidates, prepared, parameters.physics, limits, parameters.compute, label, support=PLANE, hand=hand
+        candidates,
+        prepared,
+        parameters.physics,
+        limits,
+        parameters.compute,
+        label,
+        support=PLANE,
+        hand=hand,
+        measuring=measuring(parameters.robustness, parameters.seed, prepared.name),
     )
 
 

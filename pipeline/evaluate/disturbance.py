@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline.records.objects import PreparedObject
-from pipeline.records.parameters.conditions import DistributionParameters, friction_of_all_contacts, overridden
-from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.parameters.conditions import DistributionParameters, overridden
+from pipeline.records.parameters.physics import PhysicsParameters, friction_of_all_contacts
 from pipeline.records.tables import DRAWN
 from pipeline.stages.seeds import item_generator
 

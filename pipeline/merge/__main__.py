@@ -35,7 +35,7 @@ SIDE_BY_SIDE = 8
 
 def sections() -> list[str]:
     """Return the sections of ``params.yaml`` that the stage depends on."""
-    return ["seed", "styles", "pairs", "picks", "merge", "physics", "validate"]
+    return ["seed", "styles", "pairs", "picks", "merge", "physics", "validate", "robustness"]
 
 
 def merge(only: str) -> None:
@@ -54,8 +54,9 @@ def merge(only: str) -> None:
     from pipeline.merge.search import Inputs, merging, summary
     from pipeline.pairing.grasps import distinct_grasps, validated_grasps
     from pipeline.pairing.task import groups_of, task_of
+    from pipeline.robustness.measures import measuring
 
-    settings, checks = parameters["merge"], [parameters[name] for name in ("merge", "physics", "validate")]
+    settings = parameters["merge"]
     hand = load_hand(ALLEGRO)
     groups = groups_of(hand, picks)
     tables = Tables(paths.merged_file("").parent, MERGED, ("objects",))
@@ -72,7 +73,15 @@ def merge(only: str) -> None:
         def inputs(key: str) -> Inputs:
             names = key.split("/")
             return Inputs(
-                task_of(hand, picks, [objects[name] for name in names], *checks),
+                task_of(
+                    hand,
+                    picks,
+                    [objects[name] for name in names],
+                    settings,
+                    parameters["physics"],
+                    parameters["validate"],
+                    measuring(parameters["robustness"], seed, *names),
+                ),
                 tuple(grasps(number, name) for number, name in enumerate(names)),
                 item_generator(seed, "merge", *names),
             )

@@ -31,11 +31,14 @@ from pipeline.pairing.clearance import (
 from pipeline.pairing.grasps import JoinedGrasp, fingers_fit, fingers_of, join
 from pipeline.pairing.readiness import ReadyFirst, Settled
 from pipeline.pairing.task import Task
+from pipeline.physics.holding import HeldGrasp, HeldObject, hold_in_gravities
 from pipeline.records.merge_reasons import MergeReason
 from pipeline.records.ordinals import ORDINALS
 from pipeline.records.parameters.hand import PALM
 from pipeline.records.poses import position_quaternion
-from pipeline.records.tables import MERGED
+from pipeline.records.tables import MARGINS, MERGED
+from pipeline.robustness.contacts import GraspInHand, Grip
+from pipeline.robustness.measures import Measuring, margin_columns, physics_columns
 
 Finding = tuple[dict[str, Any], MergeReason | None]
 
@@ -171,18 +174,47 @@ def gravity(tried: Attempt) -> Finding:
 
     The test begins with all objects but the last settled in the squeezing fingers.
     """
-    task, grasp = tried.task, tried.grasp
+    task = tried.task
     if not task.merge.physics_test:
         return {}, None
-    from pipeline.physics.holding import HeldObject, hold_in_gravities
-
-    links = task.hand.finger_links
-    held = [
-        HeldObject(item, T_hand_object, tuple(link for finger in single.fingers for link in links[finger]))
-        for item, T_hand_object, single in zip(task.objects, grasp.T_hand_held, grasp.singles, strict=True)
-    ]
-    holding = hold_in_gravities(task.physics, task.validate, held, grasp.held_q, grasp.squeeze_q, task.hand)
+    held = settled_grasp(tried)
+    holding = hold_in_gravities(task.physics, task.validate, held.objects, held.q, held.squeeze_q, held.hand)
     return {"gravity_drift": holding.drift.max(1)}, MergeReason.GRAVITY if holding.failed_direction else None
+
+
+def held_objects(tried: Attempt, poses: Sequence[NDArray[np.float64]]) -> list[HeldObject]:
+    """Return the objects with the links that hold them, at ``T_hand_object`` (4, 4) each."""
+    links = tried.task.hand.finger_links
+    return [
+        HeldObject(item, T_hand_object, tuple(link for finger in single.fingers for link in links[finger]))
+        for item, T_hand_object, single in zip(tried.task.objects, poses, tried.grasp.singles, strict=True)
+    ]
+
+
+def planned_grasp(tried: Attempt) -> GraspInHand:
+    """Return the grasp as it was planned, before anything has settled: where margins and drawn conditions begin."""
+    task, grasp = tried.task, tried.grasp
+    grips = tuple(
+        Grip(held, single.fingers, single.contact_candidates)
+        for held, single in zip(held_objects(tried, grasp.T_hand_object), grasp.singles, strict=True)
+    )
+    return GraspInHand(task.hand, grips, grasp.q, grasp.squeeze_q)
+
+
+def settled_grasp(tried: Attempt) -> HeldGrasp:
+    """Return the grasp with all objects but the last settled: where the test of holding begins."""
+    grasp = tried.grasp
+    return HeldGrasp(tuple(held_objects(tried, grasp.T_hand_held)), grasp.held_q, grasp.squeeze_q, tried.task.hand)
+
+
+def measures(tried: Attempt, measuring: Measuring) -> dict[str, Any]:
+    """Return the measures of a grasp that passed all checks, those in physics where it was tested there."""
+    task, planned = tried.task, planned_grasp(tried)
+    margins = margin_columns(planned, task.physics, measuring.settings)
+    columns: dict[str, Any] = {f"{name}s": [own[name] for own in margins] for name in MARGINS.names}
+    if not task.merge.physics_test:
+        return columns
+    return columns | physics_columns(planned, settled_grasp(tried), measuring, task.physics, task.validate)
 
 
 CHECKS: tuple[Callable[[Attempt], Finding], ...] = (
@@ -214,7 +246,7 @@ def check_combination(task: Task, ready: Sequence[Settled]) -> dict[str, Any]:
         row |= columns
         if reason is not None:
             return row | {"rejected_by": reason.value}
-    return row
+    return row if task.measuring is None else row | measures(tried, task.measuring)
 
 
 def _identity(tried: Attempt) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.picks import PickParameters
 from pipeline.records.parameters.validate import ValidateParameters
+from pipeline.robustness.measures import Measuring
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,7 @@ class Task:
     merge: MergeParameters
     physics: PhysicsParameters
     validate: ValidateParameters  # directions, limits and opening of the single grasps' tests
+    measuring: Measuring | None = None  # of grasps that pass; None: nothing
 
     def waiting(self, number: int) -> tuple[str, ...]:
         """Return the fingers that belong to the objects picked after one."""
@@ -44,10 +46,11 @@ def task_of(
     merge: MergeParameters,
     physics: PhysicsParameters,
     validate: ValidateParameters,
+    measuring: Measuring | None = None,
 ) -> Task:
     """Return the task of picking ``objects`` as ``picks`` say."""
     supports = tuple(support_of(pick) for pick in picks)
-    return Task(hand, tuple(objects), groups_of(hand, picks), supports, merge, physics, validate)
+    return Task(hand, tuple(objects), groups_of(hand, picks), supports, merge, physics, validate, measuring)
 
 
 def groups_of(hand: Hand, picks: Sequence[PickParameters]) -> Groups:

@@ -17,7 +17,7 @@ import pyarrow.compute as pc
 
 from pipeline.records import tables
 from pipeline.records.errors import UserError
-from pipeline.records.tables import MERGED, TRIALS
+from pipeline.records.tables import MARGINS, MERGED, ROBUSTNESS, TRIALS, description
 
 OBJECTS = 2
 _LIST, _PLACE = b"list", b"place"  # the column of lists that a column is taken from, and its place there
@@ -127,6 +127,12 @@ PAIR_GRASPS = pa.schema(
         MERGED.field("gravity_drift").with_metadata(
             {"description": "m, motion in the hand per gravity direction tested, of the object that moves more"}
         ),
+        *(
+            _part(f"{column.name}{place}", f"{column.name}s", place, _NUMBER, f"{description(column)}, object {place}")
+            for column in MARGINS
+            for place in range(OBJECTS)
+        ),
+        *ROBUSTNESS,
         MERGED.field("rejected_by"),
     ]
 )

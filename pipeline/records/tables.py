@@ -90,8 +90,38 @@ CHECKED = pa.schema(
     ]
 )
 
+# What the grip of one object could bear at best, of grasps that passed all checks; see docs/robustness.md.
+MARGINS = pa.schema(
+    [
+        _column(
+            "margin_mass_factor",
+            pa.float64(),
+            "largest multiple of the object's weight that the grip could bear, at `robustness.friction`",
+        ),
+        _column("margin_push_force", pa.float64(), "N, largest push in the worst direction that it could bear"),
+        _column("margin_push_torque", pa.float64(), "N m, largest torque in the worst direction that it could bear"),
+        _column(
+            "margin_lowest_friction", pa.float64(), "friction coefficient with which it could just bear the weight"
+        ),
+    ]
+)
+
+# What physics says of grasps that passed all checks; null where it was not asked.
+ROBUSTNESS = pa.schema(
+    [
+        _column(
+            "lowest_friction",
+            pa.float64(),
+            "lowest of `robustness.ladder` at which the grasp holds; infinite where it holds at none",
+        ),
+        _column("robustness", pa.float64(), "share of the drawn conditions that the grasp survives"),
+        _column("robustness_low", pa.float64(), "lower end of its 95 % score interval (Wilson)"),
+        _column("robustness_high", pa.float64(), "upper end of its 95 % score interval (Wilson)"),
+    ]
+)
+
 # The candidates' rows after physics, without descriptions in the file.
-VALIDATED = pa.schema([*CANDIDATES, *(column.remove_metadata() for column in CHECKED)])
+VALIDATED = pa.schema([*CANDIDATES, *(column.remove_metadata() for column in (*CHECKED, *MARGINS, *ROBUSTNESS))])
 
 # One row per tried combination of single grasps. Lists have an entry per object, in the order of picking; those of the
 # approaches end where the checks ended. reports/dataset.md lists the descriptions, pair by pair.
@@ -137,6 +167,11 @@ MERGED = pa.schema(
             pa.list_(pa.float64()),
             "m, motion in the hand per gravity direction tested, of the object that moves most",
         ),
+        *(
+            _column(f"{column.name}s", pa.list_(pa.float64()), f"{description(column)}, per object")
+            for column in MARGINS
+        ),
+        *ROBUSTNESS,
         _column("rejected_by", pa.string(), "first failed check, empty for a grasp that passed all"),
     ]
 )

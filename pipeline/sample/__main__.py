@@ -43,7 +43,7 @@ def sections(source: str = "learned") -> list[str]:
     """Return the sections of ``params.yaml`` that ``sample@<source>`` depends on."""
     synthesis = ["synthesize.energy", "synthesize.pinch", "synthesize.side"]
     pairs = ["reconstructed"] if source == paths.RECONSTRUCTED else ["styles", "pairs"]
-    return ["seed", *pairs, "picks", "train.sampling", *synthesis, "merge", "physics", "validate"]
+    return ["seed", *pairs, "picks", "train.sampling", *synthesis, "merge", "physics", "validate", "robustness"]
 
 
 def sample(source: str, only: str) -> None:
@@ -210,11 +210,20 @@ def _accepted(table: Any) -> Any:
 
 def _request(parameters: dict[str, Any], hand: Hand, objects: Any, points: Any, seed: int) -> Any:
     from pipeline.pairing.task import task_of
+    from pipeline.robustness.measures import measuring
     from pipeline.sample.proposals import SampleRequest
 
-    checks = (parameters[name] for name in ("merge", "physics", "validate"))
+    own = measuring(parameters["robustness"], parameters["seed"], *(item.name for item in objects))
     return SampleRequest(
-        pair=task_of(hand, parameters["picks"], objects, *checks),
+        pair=task_of(
+            hand,
+            parameters["picks"],
+            objects,
+            parameters["merge"],
+            parameters["physics"],
+            parameters["validate"],
+            own,
+        ),
         points=points,
         settings=parameters["train.sampling"],
         energy=parameters["synthesize.energy"],

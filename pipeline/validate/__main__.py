@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 def sections(style: str) -> list[str]:
     """Return the sections of ``params.yaml`` that the stage depends on."""
-    return ["hand", f"styles.{style}", "picks", "physics", "validate"]
+    return ["hand", "seed", f"styles.{style}", "picks", "physics", "validate", "robustness"]
 
 
 def validate(style: str, only: str) -> None:
@@ -49,6 +49,7 @@ def validate(style: str, only: str) -> None:
     }
     from pipeline.hand.model import load_hand
     from pipeline.hand.support import support_of
+    from pipeline.robustness.measures import measuring
     from pipeline.validate.table import validation
 
     hand = load_hand(parameters["hand"])
@@ -67,6 +68,7 @@ def validate(style: str, only: str) -> None:
             parameters["validate"],
             support_of(pick(name)),
             hand,
+            measuring(parameters["robustness"], parameters["seed"], name),
         )
         keep(name, tables.rows(rows))
 

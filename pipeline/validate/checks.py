@@ -25,8 +25,10 @@ from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.records.poses import inverse_pose
-from pipeline.records.tables import CHECKED
+from pipeline.records.tables import CHECKED, MARGINS, ROBUSTNESS
 from pipeline.records.validation_reasons import ValidationReason
+from pipeline.robustness.contacts import GraspInHand, Grip
+from pipeline.robustness.measures import Measuring, margin_columns, physics_columns
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,8 @@ def held_grasp(prepared: PreparedObject, candidate: Candidate, advance: float) -
     return HeldGrasp((held,), candidate.q, squeeze_target(candidate, advance), candidate.hand)
 
 
+# Columns that validation adds to a candidate's row.
+ADDED = (*CHECKED.names, *MARGINS.names, *ROBUSTNESS.names)
 Verdict = tuple[dict[str, Any], str]  # columns, and the reason to reject the candidate: '' if it passed
 NOT_MADE: Verdict = ({}, "")  # of a check that is not made for a candidate
 
@@ -105,17 +109,19 @@ def check_candidate(
     settings: PhysicsParameters,
     limits: ValidateParameters,
     holding: Holding | None = None,
+    measuring: Measuring | None = None,
 ) -> dict[str, Any]:
-    """Return the columns that physics adds to a candidate's row (``records.tables.CHECKED``), and ``rejected_by``.
+    """Return the columns that physics adds to a candidate's row (:data:`ADDED`), and ``rejected_by``.
 
     Columns of checks that were not reached are None. ``rejected_by`` is the first failed check, '' if there is none;
     without ``early_rejection`` the others are made all the same.
 
     Args:
         holding: outcome of the gravities where they were tested elsewhere.
+        measuring: what is measured of a candidate that passes; None: nothing.
     """
     inspection = Inspection(prepared, candidate, settings, limits, holding)
-    columns = {**dict.fromkeys(CHECKED.names), "squeeze_q": inspection.grasp.squeeze_q}
+    columns = {**dict.fromkeys(ADDED), "squeeze_q": inspection.grasp.squeeze_q}
     rejected_by = ""
     for check in CHECKS:
         if rejected_by and limits.early_rejection:
@@ -123,6 +129,8 @@ def check_candidate(
         found, reason = check(inspection)
         columns |= found
         rejected_by = rejected_by or reason
+    if measuring is not None and not rejected_by:
+        columns |= measures(inspection, measuring)
     return {**columns, "rejected_by": str(rejected_by)}
 
 
@@ -193,6 +201,17 @@ def settles(inspection: Inspection) -> Verdict:
 
 # In the order in which they are made.
 CHECKS: tuple[Callable[[Inspection], Verdict], ...] = (holds_in_gravities, is_reached, is_picked, settles)
+
+
+def measures(inspection: Inspection, measuring: Measuring) -> dict[str, Any]:
+    """Return the measures of a candidate, those in physics where the settings ask for them."""
+    candidate, held = inspection.candidate, inspection.grasp
+    grip = Grip(held.objects[0], candidate.fingers, candidate.contact_candidates)
+    grasp = GraspInHand(candidate.hand, (grip,), held.q, held.squeeze_q)
+    (columns,) = margin_columns(grasp, inspection.settings, measuring.settings)
+    if not measuring.settings.single_grasps:
+        return columns
+    return columns | physics_columns(grasp, held, measuring, inspection.settings, inspection.limits)
 
 
 def contact_only(holding: Holding, directions: int) -> bool | None:

@@ -19,9 +19,9 @@ from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.records.poses import pose_matrix
-from pipeline.records.tables import CHECKED
 from pipeline.records.validation_reasons import ValidationReason
-from pipeline.validate.checks import Candidate, check_candidate, held_grasp
+from pipeline.robustness.measures import Measuring
+from pipeline.validate.checks import ADDED, Candidate, check_candidate, held_grasp
 
 
 def candidate_of(row: dict[str, Any], support: Support, hand: Hand) -> Candidate:
@@ -51,6 +51,7 @@ def validate_table(
     label: str,
     support: Support,
     hand: Hand,
+    measuring: Measuring | None = None,
 ) -> pd.DataFrame:
     """Return all rows in order of ``grasp_id`` with the columns of physics.
 
@@ -59,8 +60,9 @@ def validate_table(
 
     Args:
         support: what the object stands on.
+        measuring: what is measured of the grasps that pass; None: nothing.
     """
-    return run_one(validation(candidates, prepared, settings, limits, support, hand), workers, label)
+    return run_one(validation(candidates, prepared, settings, limits, support, hand, measuring), workers, label)
 
 
 def validation(
@@ -70,6 +72,7 @@ def validation(
     limits: ValidateParameters,
     support: Support,
     hand: Hand,
+    measuring: Measuring | None = None,
 ) -> Work[pd.DataFrame]:
     """Compute what :func:`validate_table` returns, candidate by candidate."""
     rows = candidates.sort_values("grasp_id", kind="stable").reset_index(drop=True)
@@ -77,7 +80,7 @@ def validation(
     tested, left = passed[: limits.most_candidates], passed[limits.most_candidates :]
     items = [candidate_of(rows.loc[index].to_dict(), support, hand) for index in tested]
     tasks = list(zip(items, _gravities_elsewhere(prepared, items, settings, limits), strict=True))
-    with Shared((prepared, settings, limits)) as shared:
+    with Shared((prepared, settings, limits, measuring)) as shared:
         results = dict(zip(tested, (yield Calls(partial(_check, shared), tasks)), strict=True))
     rejected_by = rows["rejected_by"].tolist()
     for index in left:
@@ -85,7 +88,7 @@ def validation(
     for index, columns in results.items():
         rejected_by[index] = columns["rejected_by"]
     rows["rejected_by"] = rejected_by
-    for name in CHECKED.names:
+    for name in ADDED:
         rows[name] = pd.Series([results[i][name] if i in results else None for i in rows.index], dtype=object)
     return rows
 
@@ -103,9 +106,9 @@ def _gravities_elsewhere(
 
 
 def _check(
-    shared: Shared[tuple[PreparedObject, PhysicsParameters, ValidateParameters]],
+    shared: Shared[tuple[PreparedObject, PhysicsParameters, ValidateParameters, Measuring | None]],
     task: tuple[Candidate, Holding | None],
 ) -> dict[str, Any]:
-    prepared, settings, limits = shared.value
+    prepared, settings, limits, measuring = shared.value
     candidate, holding = task
-    return check_candidate(prepared, candidate, settings, limits, holding)
+    return check_candidate(prepared, candidate, settings, limits, holding, measuring)

@@ -36,6 +36,8 @@ GRASP_COLUMNS = {
     "hand_clearance": ("mm", 2),
     "mount_clearance": ("mm", 2),
     "approach_length1": ("mm", 0),
+    "lowest_friction": ("", 2),
+    "robustness": ("", 2),
 }
 _LEGEND = Environment(autoescape=True, trim_blocks=True, undefined=StrictUndefined).from_string(
     """

@@ -43,6 +43,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     content |= {"renderings": {}, "captures": {}, "reconstructed": {}}
     content["conditions"] |= {"pairs": [], "settings": {}}
     content["merge"] |= {"grasps_per_pair": 2, "distinct_distance": 0.0}
+    content["robustness"] |= {"ladder": [0.9, 0.01], "conditions": 2}
     content["compute"]["workers"] = 1
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.argv", ["merge", "--object", "box"])
@@ -65,6 +66,10 @@ def test_command_writes_one_table_for_its_object_and_leaves_others(
     assert {tuple(names) for names in table.objects} == {("box", "cylinder")}
     assert table.rejected_by.tolist() == ["", ""]
     assert sorted(map(tuple, table.grasp_ids)) == [(0, 0), (2, 0)]  # rejected grasps are not used
+    for row in table.itertuples():
+        assert len(row.margin_mass_factors) == 2 and all(value >= 0 for value in row.margin_push_forces)
+        assert row.lowest_friction == 0.9  # nothing holds at 0.01
+        assert row.robustness in (0.0, 0.5, 1.0) and row.robustness_low <= row.robustness <= row.robustness_high
     assert "box then cylinder: 2 accepted of 2 tried" in capsys.readouterr().out
     before = paths.merged_file("box").read_bytes()
     assert stage.main() == 0

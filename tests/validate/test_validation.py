@@ -10,9 +10,11 @@ from pipeline.physics.holding import Holding
 from pipeline.physics.table_pick import TablePick
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.parameters.robustness import RobustnessParameters
 from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.records.poses import inverse_pose, position_quaternion
 from pipeline.records.tables import CANDIDATES, VALIDATED, read_table, write_table
+from pipeline.robustness.measures import measuring
 from pipeline.validate.checks import (
     Candidate,
     assigned_links,
@@ -87,6 +89,27 @@ def test_good_grasp_passes_everything() -> None:
     assert columns["table_approach_push"] < 0.005 and columns["table_drift"] < 0.02
     assert 0.005 < columns["settling_drift"] < 0.015  # the contacts press by 1 cm, and only one side can give way
     assert np.linalg.norm(columns["approach_direction"]) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(("single_grasps", "passes"), [(False, True), (True, True), (True, False)])
+def test_a_grasp_that_passes_is_measured_and_others_are_not(single_grasps: bool, passes: bool) -> None:
+    prepared, candidate = block_grasp()
+    settings = RobustnessParameters(single_grasps=single_grasps, ladder=[0.9], conditions=1)
+    limits = ValidateParameters(gravity_directions=["-z"], table_test=False, friction=None if passes else 0.0)
+    own = measuring(settings, 1, prepared.name)
+    columns = check_candidate(prepared, candidate, SETTINGS, limits, measuring=own)
+    assert columns["rejected_by"] == ("" if passes else "gravity:-z")
+    assert (columns["margin_mass_factor"] is not None) is passes
+    assert (columns["lowest_friction"] == 0.9) is (passes and single_grasps)
+    assert (columns["robustness"] in (0.0, 1.0)) is (passes and single_grasps)
+
+
+def test_a_friction_of_the_tests_is_that_of_every_contact() -> None:
+    own = ValidateParameters(friction=0.45).for_floating_hand(SETTINGS)
+    frictions = {name for name in PhysicsParameters.model_fields if name.endswith("friction")}
+    assert {getattr(own, name) for name in frictions} == {0.45} and len(frictions) == 5
+    materials = ValidateParameters().for_floating_hand(SETTINGS)
+    assert all(getattr(materials, name) == getattr(SETTINGS, name) for name in frictions)
 
 
 @pytest.mark.parametrize(

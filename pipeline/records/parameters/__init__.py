@@ -37,6 +37,7 @@ from pipeline.records.parameters.picks import PickParameters, check_picks, objec
 from pipeline.records.parameters.prepare import PrepareParameters
 from pipeline.records.parameters.reconstruct import ReconstructParameters
 from pipeline.records.parameters.report import ReportParameters, TrackParameters
+from pipeline.records.parameters.robustness import RobustnessParameters
 from pipeline.records.parameters.section import Section
 from pipeline.records.parameters.synthesize import StyleParameters, SynthesizeParameters
 from pipeline.records.parameters.train import TrainParameters
@@ -87,6 +88,7 @@ class Parameters(Section):
     physics: PhysicsParameters
     validate_: ValidateParameters = Field(alias="validate")
     merge: MergeParameters
+    robustness: RobustnessParameters
     train: TrainParameters
     evaluate: EvaluateParameters
     conditions: ConditionsParameters

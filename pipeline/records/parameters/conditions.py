@@ -8,7 +8,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from pipeline.records.errors import first_mistake
 from pipeline.records.parameters.evaluate import EvaluateParameters
-from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.parameters.physics import PhysicsParameters, friction_of_all_contacts
 from pipeline.records.parameters.section import Section
 from pipeline.records.series import TrialSeries
 from pipeline.records.sources import SOURCES
@@ -16,12 +16,6 @@ from pipeline.records.sources import SOURCES
 Overridden = TypeVar("Overridden", EvaluateParameters, PhysicsParameters)
 Interval = tuple[float, float]
 Engine = Literal["sapien", "mujoco"]
-
-
-def friction_of_all_contacts(friction: float) -> dict[str, float]:
-    """Return the values of `physics` with which every two touching bodies have the same friction coefficient."""
-    names = ("object_friction", "tip_static_friction", "tip_dynamic_friction", "link_friction", "support_friction")
-    return dict.fromkeys(names, friction)
 
 
 class DistributionParameters(Section):

@@ -11,6 +11,12 @@ from pipeline.records.parameters.section import Section
 TIP_RADIUS = 0.012  # m, of the Allegro's fingertips; a Hertz contact is smaller
 
 
+def friction_of_all_contacts(friction: float) -> dict[str, float]:
+    """Return the values of `physics` with which every two touching bodies have the same friction coefficient."""
+    names = ("object_friction", "tip_static_friction", "tip_dynamic_friction", "link_friction", "support_friction")
+    return dict.fromkeys(names, friction)
+
+
 class SapienParameters(Section):
     """What SAPIEN (PhysX) alone needs to know."""
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
-from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.parameters.physics import PhysicsParameters, friction_of_all_contacts
 from pipeline.records.parameters.section import Section
 
 Direction = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
@@ -42,6 +42,13 @@ class ValidateParameters(Section):
         le=0.1,
         description="[m] Distance at which PhysX starts to generate contacts in tests with a floating hand; replaces "
         "physics.sapien.contact_offset there. Paper's code: 0.02.",
+    )
+    friction: float | None = Field(
+        None,
+        ge=0,
+        le=5,
+        description="Friction coefficient of every two touching bodies in all tests with a floating hand; null: the "
+        "materials of physics. Paper: null.",
     )
     contact_impulse: float = Field(
         0.01,
@@ -86,6 +93,13 @@ class ValidateParameters(Section):
     )
 
     def for_floating_hand(self, physics: PhysicsParameters) -> PhysicsParameters:
-        """Return ``physics`` with PhysX's contact offset of the tests with a floating hand."""
+        """Return ``physics`` with PhysX's contact offset and the friction of the tests with a floating hand."""
         sapien = physics.sapien.model_copy(update={"contact_offset": self.sapien_contact_offset})
-        return physics.model_copy(update={"sapien": sapien})
+        changes: dict[str, Any] = {"sapien": sapien}
+        if self.friction is not None:
+            changes |= friction_of_all_contacts(self.friction)
+        return physics.model_copy(update=changes)
+
+    def at_friction(self, friction: float) -> ValidateParameters:
+        """Return these parameters with another friction of every two touching bodies."""
+        return self.model_copy(update={"friction": friction})

@@ -1,0 +1,73 @@
+"""All measures of one grasp, as columns of its row."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from scipy.stats import binomtest
+
+from pipeline.physics.holding import HeldGrasp
+from pipeline.records.parameters.physics import PhysicsParameters
+from pipeline.records.parameters.robustness import RobustnessParameters
+from pipeline.records.parameters.validate import ValidateParameters
+from pipeline.robustness.conditions import Condition, draw_conditions
+from pipeline.robustness.contacts import GraspInHand, grip_contacts
+from pipeline.robustness.friction import lowest_friction
+from pipeline.robustness.margins import JointLimits, margins
+from pipeline.robustness.survival import survived
+
+
+@dataclass(frozen=True)
+class Measuring:
+    """What is measured of every grasp of an object or a pair."""
+
+    settings: RobustnessParameters
+    conditions: tuple[Condition, ...]  # of all grasps
+
+
+def measuring(settings: RobustnessParameters, run_seed: int, *names: str) -> Measuring:
+    """Return what is measured of the grasps of some objects, named in the order of picking."""
+    return Measuring(settings, draw_conditions(settings, len(names), run_seed, *names))
+
+
+def margin_columns(
+    grasp: GraspInHand, physics: PhysicsParameters, settings: RobustnessParameters
+) -> list[dict[str, float]]:
+    """Return the columns ``records.tables.MARGINS`` of every object's grip.
+
+    Each as if the hand held nothing else: grips share no joint.
+    """
+    limits = JointLimits(physics.hand_torque_limit, settings.torsion_radius)
+    found = [
+        margins(grip_contacts(grip, grasp.q, grasp.hand), grip.held.prepared.mass, settings.friction, limits)
+        for grip in grasp.grips
+    ]
+    return [{f"margin_{name}": value for name, value in asdict(one).items()} for one in found]
+
+
+def physics_columns(
+    grasp: GraspInHand, held: HeldGrasp, own: Measuring, physics: PhysicsParameters, limits: ValidateParameters
+) -> dict[str, Any]:
+    """Return the columns ``records.tables.ROBUSTNESS`` of a grasp, without those that the settings leave out.
+
+    Args:
+        held: the same grasp as the test of holding takes it.
+    """
+    columns: dict[str, Any] = {}
+    if own.settings.ladder:
+        columns["lowest_friction"] = lowest_friction(held, physics, limits, own.settings.ladder)
+    if own.conditions:
+        columns |= survived_share(survived(grasp, own.conditions, physics, limits, own.settings))
+    return columns
+
+
+def survived_share(outcomes: Sequence[bool]) -> dict[str, float]:
+    """Return the share of conditions survived and its 95 % score interval (Wilson, 1927)."""
+    interval = binomtest(sum(outcomes), len(outcomes)).proportion_ci(0.95, "wilson")
+    return {
+        "robustness": sum(outcomes) / len(outcomes),
+        "robustness_low": float(interval.low),
+        "robustness_high": float(interval.high),
+    }
