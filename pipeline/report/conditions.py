@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import pandas as pd
 from markupsafe import Markup
@@ -61,6 +61,11 @@ class Tried:
         return sum(pair.successes for pair in self.pairs)
 
     @property
+    def drawn(self) -> bool:
+        """Whether its trials drew from a distribution."""
+        return bool(self.rows["friction"].notna().any())
+
+    @property
     def shown(self) -> list[tuple[str, str]]:
         """The pairs that the page shows one by one: all, or none where there are many."""
         return [(pair.first, pair.second) for pair in self.pairs] if len(self.pairs) <= MOST_PAIRS else []
@@ -76,7 +81,7 @@ class Conditions:
     """All series of a run."""
 
     tried: Sequence[Tried] = ()
-    changes: Sequence[Change] = field(default=())
+    changes: Sequence[Change] = ()
 
 
 def load_conditions(parameters: Parameters) -> Conditions:
@@ -233,13 +238,10 @@ def _bar_title(one: Tried) -> str:
     return f"{column_title(one.series)}, {spoken(one.series.source)}"
 
 
-def conditions_section(
-    found: Conditions, drawn: Mapping[str, bool], criterion: str, hand_torque_limit: float
-) -> Markup:
+def conditions_section(found: Conditions, criterion: str, hand_torque_limit: float) -> Markup:
     """Return what each condition changes, the table of success, losses and reasons, and what of a draw matters.
 
     Args:
-        drawn: by the condition's name, whether its trials draw from a distribution.
         criterion: the paper's rule in short, such as ``20 cm, 2 s``.
         hand_torque_limit: of the standard trials, N m.
     """
@@ -248,7 +250,7 @@ def conditions_section(
     sources = dict.fromkeys(one.series.source for one in found.tried)
     together: dict[str, list[pd.DataFrame]] = {}
     for one in found.tried:
-        if drawn[one.series.condition]:
+        if one.drawn:
             together.setdefault(column_title(one.series), []).append(one.rows)
     return render(
         "conditions.html",

@@ -49,7 +49,6 @@ class PageContent:
     learned: Learned | None = None
     reconstructed: Mapping[str, Reconstructed] = field(default_factory=dict)  # per capture
     conditions: Conditions = Conditions()
-    drawn: Mapping[str, bool] = field(default_factory=dict)  # by condition, whether its trials draw from a distribution
 
     @property
     def criterion(self) -> str:
@@ -101,7 +100,6 @@ def page_content(
         learned=learned,
         reconstructed=reconstructed,
         conditions=conditions,
-        drawn={name: one.drawn for name, one in parameters.conditions.settings.items()},
     )
 
 

@@ -68,7 +68,7 @@ def sections(content: PageContent) -> list[Section]:
         html = success_section(source, pairs, content.summary, content.criterion)
         found.append(Section(f"success-{source}", f"Success: {SOURCE_TITLES[source]}", html))
     if content.conditions.tried:
-        html = conditions_section(content.conditions, content.drawn, content.criterion, content.hand_torque_limit)
+        html = conditions_section(content.conditions, content.criterion, content.hand_torque_limit)
         found.append(Section("conditions", "Other conditions", html))
     if content.learned:
         found.append(Section("learned", "The learned model", learned_section(content.learned)))

@@ -1,5 +1,7 @@
 """Trials under other conditions beside the standard ones: counted, compared one to one, explained."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -68,8 +70,7 @@ def test_what_a_condition_changes_is_said_with_the_standard_value():
 
 def test_the_table_has_a_row_per_source_and_a_column_per_condition_and_engine():
     one = made_up.tried("cube", ["can", "box"])
-    other = made_up.tried("cube", ["can"])
-    object.__setattr__(other, "is_standard", True)
+    other = replace(made_up.tried("cube", ["can"]), is_standard=True)
     table = success_table([one, other])
     assert table.headers == ["grasps", "icy, sapien"] and len(table.rows) == 1
     table = pairs_table("synthesized", [one])
@@ -79,7 +80,7 @@ def test_the_table_has_a_row_per_source_and_a_column_per_condition_and_engine():
 
 def test_the_section_shows_rates_and_every_reason():
     one = made_up.tried("cube", ["can", "box"])
-    html = conditions_section(Conditions([one], made_up.CHANGES), {"icy": False}, "20 cm, 2 s", 0.7)
+    html = conditions_section(Conditions([one], made_up.CHANGES), "20 cm, 2 s", 0.7)
     # 2 of 6 trials; the interval is Wilson's, by hand.
     assert f"{percent(1 / 3)} (9.7–70.0 %; worst pair {percent(0)})" in html
     assert all(TRIALS[reason] in html for reason in reasons_of(one.pairs))
@@ -117,8 +118,7 @@ def test_vectors_count_by_their_length_and_what_matters_most_comes_first():
 
 
 def test_the_section_draws_what_a_distribution_does():
-    one = made_up.tried("cube", ["can"])
     rows = made_up.drawn_trials([0.3, 0.6, 0.9], [False, True, True])
-    object.__setattr__(one, "rows", rows)
-    html = conditions_section(Conditions([one], made_up.CHANGES), {"icy": True}, "20 cm, 2 s", 0.7)
+    one = replace(made_up.tried("cube", ["can"]), rows=rows)
+    html = conditions_section(Conditions([one], made_up.CHANGES), "20 cm, 2 s", 0.7)
     assert html.count("<circle") == 3 * len(drawn_quantities(rows))

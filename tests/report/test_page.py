@@ -126,7 +126,6 @@ def content(trials) -> PageContent:
         learned=learned,
         reconstructed=made_up.reconstructed(),
         conditions=Conditions([tried], made_up.CHANGES),
-        drawn={"icy": False},
     )
 
 

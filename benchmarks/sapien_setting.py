@@ -1,11 +1,12 @@
-"""What another contact offset does to the verdicts and the cost of robot trials.
+"""What another value of a SAPIEN setting does to the verdicts and the cost of robot trials.
 
-    python benchmarks/contact_offset.py [--offsets 0.02 0.005] [--frictions 0.3] [--trials 25] [--sources synthesized]
+    python benchmarks/sapien_setting.py contact_offset 0.02 0.005 [--frictions 0.3] [--trials 25]
+    python benchmarks/sapien_setting.py position_iterations 25 12 [--frictions 0.4]
 
-Needs a finished run. Every trial of the chosen sources is run at each offset with the same grasps and seeds, in the
-standard conditions and once more for every friction of ``--frictions``, given to objects and fingertips alike. An
-offset of 0.020001 beside 0.02 shows what chance alone changes. Prints, and writes ``reports/contact_offset.csv``: a row
-per friction and offset; other_success, other_reason: trials that end otherwise than at the first offset.
+Needs a finished run. Every trial of the chosen sources is run at each value with the same grasps and seeds, in the
+standard conditions and once more for every friction of ``--frictions``, given to objects and fingertips alike. A value
+a millionth larger beside the first shows what chance alone changes. Prints, and writes ``reports/<setting>.csv``: a row
+per friction and value; other_success, other_reason: trials that end otherwise than at the first value.
 """
 
 from __future__ import annotations
@@ -29,17 +30,18 @@ from pipeline.evaluate.trial import TrialInput, run_trial  # noqa: E402
 from pipeline.hand.model import load_hand  # noqa: E402
 from pipeline.records.parameters import load_parameters, read_parameters  # noqa: E402
 from pipeline.records.parameters.conditions import overridden  # noqa: E402
+from pipeline.records.parameters.physics import SapienParameters  # noqa: E402
 from pipeline.records.sources import SOURCES  # noqa: E402
 
 STANDARD = "standard"
 IDENTITY = ["source", "objects", "trial"]
 
 
-def trials_of(source: str, physics: dict[str, float], offset: float, trials: int) -> list[TrialInput]:
+def trials_of(source: str, physics: dict[str, float], sapien: dict[str, float], trials: int) -> list[TrialInput]:
     """Return the inputs of the first ``trials`` trials of every pair of a source, with changed physics."""
     parameters, hand = load_parameters(sections(source)), load_hand("allegro")
-    sapien = {**parameters["physics"].sapien.model_dump(), "contact_offset": offset}
-    changed = {**parameters, "physics": overridden(parameters["physics"], {**physics, "sapien": sapien})}
+    own = {**parameters["physics"].sapien.model_dump(), **sapien}
+    changed = {**parameters, "physics": overridden(parameters["physics"], {**physics, "sapien": own})}
     return [
         trial
         for objects in sequences_of(source, parameters)
@@ -57,16 +59,16 @@ def timed_trial(own: dict[str, Any], inputs: TrialInput) -> dict[str, Any]:
 
 
 def compared(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return a row per friction and offset, against the same trials at the first offset."""
+    """Return a row per friction and value, against the same trials at the first value."""
     table = []
     for friction, own in rows.groupby("friction", sort=False):
-        reference = own[own["offset"] == own["offset"].iloc[0]].set_index(IDENTITY)
-        for offset, trials in own.groupby("offset", sort=False):
+        reference = own[own["value"] == own["value"].iloc[0]].set_index(IDENTITY)
+        for value, trials in own.groupby("value", sort=False):
             found = trials.set_index(IDENTITY)
             before = reference.loc[found.index]
             row = {
                 "friction": friction,
-                "offset": offset,
+                "value": value,
                 "trials": len(found),
                 "success": int(found["success"].sum()),
                 "other_success": int(np.sum(found["success"] != before["success"])),
@@ -80,7 +82,8 @@ def compared(rows: pd.DataFrame) -> pd.DataFrame:
 def main() -> None:
     """Run, compare, write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--offsets", type=float, nargs="+", default=[0.02, 0.005], help="m, the first to compare with")
+    parser.add_argument("setting", choices=list(SapienParameters.model_fields), help="of physics.sapien in params.yaml")
+    parser.add_argument("values", type=float, nargs="+", help="to try; the others are compared with the first")
     parser.add_argument("--frictions", type=float, nargs="*", default=[], help="besides the standard ones")
     parser.add_argument("--trials", type=int, default=25, help="per pair and source (default: %(default)s)")
     parser.add_argument("--sources", nargs="+", choices=SOURCES, default=list(SOURCES))
@@ -89,12 +92,12 @@ def main() -> None:
     conditions = {STANDARD: {}, **{str(value): dict.fromkeys(frictions, value) for value in chosen.frictions}}
     rows = []
     for friction, changes in conditions.items():
-        for offset in chosen.offsets:
-            own = {"friction": friction, "offset": offset}
-            inputs = [trial for source in chosen.sources for trial in trials_of(source, changes, offset, chosen.trials)]
-            rows += fan_out(partial(timed_trial, own), inputs, read_parameters().compute.workers, f"{offset} m")
+        for value in chosen.values:
+            own, sapien = {"friction": friction, "value": value}, {chosen.setting: value}
+            inputs = [trial for source in chosen.sources for trial in trials_of(source, changes, sapien, chosen.trials)]
+            rows += fan_out(partial(timed_trial, own), inputs, read_parameters().compute.workers, f"{value:g}")
     table = compared(pd.DataFrame(rows))
-    table.to_csv("reports/contact_offset.csv", index=False)
+    table.to_csv(f"reports/{chosen.setting}.csv", index=False)
     print(table.to_string(index=False, float_format=lambda value: f"{value:.3g}"))
 
 
