@@ -107,6 +107,12 @@ def timed(function: Callable[[], Any]) -> tuple[Any, float]:
     return found, time.process_time() - begin
 
 
+def weakest(margins: list[dict[str, float | None]]) -> dict[str, float]:
+    """Return the margins of the object that is held worst, each by itself."""
+    values = {name: [np.inf if own[name] is None else own[name] for own in margins] for name in MARGINS.names}
+    return {name: (max if name in LOW_IS_GOOD else min)(own) for name, own in values.items()}
+
+
 def measured(case: Case) -> dict[str, Any]:
     """Return all measures of a grasp, and ``cpu <measure>`` of those that cost something."""
     task, settings = case.task, case.measuring.settings
@@ -117,14 +123,13 @@ def measured(case: Case) -> dict[str, Any]:
     outcomes, robustness_cpu = timed(
         lambda: survived(planned, case.measuring.conditions, task.physics, task.validate, settings)
     )
-    worst = {name: (max if name in LOW_IS_GOOD else min)(own[name] for own in margins) for name in MARGINS.names}
     return {
         "objects": case.objects,
         "merged_id": case.merged_id,
         "room": case.room,
         "drift": case.drift,
         **case.energies,
-        **worst,
+        **weakest(margins),
         **{f"cpu {name}": margin_cpu for name in MARGINS.names},
         "lowest_friction": lowest,
         "cpu lowest_friction": lowest_cpu,

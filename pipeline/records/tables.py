@@ -101,7 +101,9 @@ MARGINS = pa.schema(
         _column("margin_push_force", pa.float64(), "N, largest push in the worst direction that it could bear"),
         _column("margin_push_torque", pa.float64(), "N m, largest torque in the worst direction that it could bear"),
         _column(
-            "margin_lowest_friction", pa.float64(), "friction coefficient with which it could just bear the weight"
+            "margin_lowest_friction",
+            pa.float64(),
+            "least friction coefficient with which it could bear the weight; null above 2",
         ),
     ]
 )
@@ -112,7 +114,7 @@ ROBUSTNESS = pa.schema(
         _column(
             "lowest_friction",
             pa.float64(),
-            "lowest of `robustness.ladder` at which the grasp holds; infinite where it holds at none",
+            "lowest of `robustness.ladder` at which the grasp holds; null where it holds at none",
         ),
         _column("robustness", pa.float64(), "share of the drawn conditions that the grasp survives"),
         _column("robustness_low", pa.float64(), "lower end of its 95 % score interval (Wilson)"),

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
 from scipy.stats import binomtest
 
 from pipeline.physics.holding import HeldGrasp
@@ -34,7 +35,7 @@ def measuring(settings: RobustnessParameters, run_seed: int, *names: str) -> Mea
 
 def margin_columns(
     grasp: GraspInHand, physics: PhysicsParameters, settings: RobustnessParameters
-) -> list[dict[str, float]]:
+) -> list[dict[str, float | None]]:
     """Return the columns ``records.tables.MARGINS`` of every object's grip.
 
     Each as if the hand held nothing else: grips share no joint.
@@ -44,7 +45,12 @@ def margin_columns(
         margins(grip_contacts(grip, grasp.q, grasp.hand), grip.held.prepared.mass, settings.friction, limits)
         for grip in grasp.grips
     ]
-    return [{f"margin_{name}": value for name, value in asdict(one).items()} for one in found]
+    return [{f"margin_{name}": _finite(value) for name, value in asdict(one).items()} for one in found]
+
+
+def _finite(value: float) -> float | None:
+    """Return a number, or None where it is infinite: no friction is enough."""
+    return value if np.isfinite(value) else None
 
 
 def physics_columns(
@@ -57,7 +63,7 @@ def physics_columns(
     """
     columns: dict[str, Any] = {}
     if own.settings.ladder:
-        columns["lowest_friction"] = lowest_friction(held, physics, limits, own.settings.ladder)
+        columns["lowest_friction"] = _finite(lowest_friction(held, physics, limits, own.settings.ladder))
     if own.conditions:
         columns |= survived_share(survived(grasp, own.conditions, physics, limits, own.settings))
     return columns
