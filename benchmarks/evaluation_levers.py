@@ -90,7 +90,7 @@ def trials_of(lever: Lever, pair: Pair, parameters: Parameters, trials: int, con
     physics = {**(under.changes if under else {}), **lever.physics}
     table = rows_of(read_table(paths.merged_file(pair[0]), MERGED, "merge"), pair)
     hand = load_hand("allegro")
-    grasps = accepted_grasps(table, hand, groups_of(hand, parameters.picks))
+    grasps = accepted_grasps(table, hand, groups_of(hand, parameters.picks), parameters.evaluate.least_room)
     if lever.choose:
         passed = table[table["rejected_by"] == ""]
         order = passed.loc[lever.choose(passed).sort_values(kind="stable").index, "merged_id"]

@@ -145,7 +145,7 @@ def released_validation(rows: pd.DataFrame, prepared: PreparedObject, parameters
     fates = []
     for row in rows[rows["rejected_by"] == ""].to_dict("records"):
         candidate = candidate_of(row, PLANE, load_hand(parameters.hand))
-        grasp = held_grasp(prepared, candidate, limits.squeeze_advance)
+        grasp = held_grasp(prepared, candidate, limits.squeeze(candidate.style))
         holding = hold_in_gravities(physics, limits, grasp.objects, grasp.q, grasp.squeeze_q, grasp.hand)
         fates.append(check_candidate(prepared, candidate, physics, rest, holding))
     seconds = cpu_seconds() - begin

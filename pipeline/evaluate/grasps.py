@@ -90,17 +90,30 @@ def _grasp_from_row(row: dict[str, Any], hand: Hand, groups: Sequence[Sequence[s
     )
 
 
-def accepted_grasps(table: pd.DataFrame, hand: Hand, groups: Sequence[Sequence[str]]) -> list[SequenceGrasp]:
-    """Return the grasps of a merged table that passed every check, the one with the most room first.
-
-    Room: the smaller of both clearances, of the objects from each other and from links that do not hold them. It is
-    known before any trial, and what is squeezed, carried and passed by touches less where there is more of it.
-    """
+def accepted_grasps(
+    table: pd.DataFrame, hand: Hand, groups: Sequence[Sequence[str]], least_room: float
+) -> list[SequenceGrasp]:
+    """Return the grasps of a merged table that passed every check, the preferred first; see :func:`preference`."""
     passed = table[table["rejected_by"] == ""].sort_values("merged_id", kind="stable")
-    room = passed[["object_clearance", "hand_clearance"]].min(axis=1)
-    passed = passed.iloc[np.argsort(-room.to_numpy(), kind="stable")]
+    passed = passed.iloc[preference(passed, least_room)]
     rows = ({str(name): value for name, value in row.items()} for row in passed.to_dict("records"))
     return [grasp_from_row(row, hand, groups) for row in rows]
+
+
+def preference(passed: pd.DataFrame, least_room: float) -> NDArray[np.int64]:
+    """Return the order (n,) in which accepted grasps of a merged table are preferred, from what was known of them.
+
+    Those with enough room come first: of them, and of the others, those that survive most of the drawn conditions, then
+    those that hold at the lowest friction, then those with the most room. What was not measured counts as worst.
+
+    Args:
+        least_room: what is enough, m. Room is the smaller of both clearances, of the objects from each other and from
+            links that do not hold them: what is squeezed, carried and passed by touches less where there is more of it.
+    """
+    room = passed[["object_clearance", "hand_clearance"]].min(axis=1).to_numpy(np.float64)
+    survived = passed["robustness"].astype(np.float64).fillna(0.0).to_numpy()
+    friction = passed["lowest_friction"].astype(np.float64).fillna(np.inf).to_numpy()
+    return np.lexsort((-room, friction, -survived, room < least_room))
 
 
 def grasp_orders(count: int, trials: int, attempts: int, rng: np.random.Generator) -> list[NDArray[np.int64]]:

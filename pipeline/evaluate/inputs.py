@@ -53,7 +53,7 @@ def grasps_of(source: str, objects: Sequence[str], parameters: dict[str, Any], h
     from pipeline.records.tables import MERGED, rows_of
 
     rows = rows_of(kept_table(SOURCES[source].table(objects[0]), MERGED, SOURCES[source].stage), objects)
-    grasps = accepted_grasps(rows, hand, groups_of(hand, parameters["picks"]))
+    grasps = accepted_grasps(rows, hand, groups_of(hand, parameters["picks"]), parameters["evaluate"].least_room)
     if source != paths.RECONSTRUCTED:
         return grasps
     capture = parameters["reconstructed"][objects[0]].capture

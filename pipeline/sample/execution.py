@@ -45,9 +45,8 @@ def single_grasps(
         waiting = hand.style(style).waiting  # while the hand comes to object 0, nothing is in these fingers yet
         posture[finger_joints(waiting, hand)] = straight(waiting, hand)
         T_object_hand = inverse_pose(T_hand_object[slot])
-        opening = limits.pinch_opening if style == "pinch" else limits.side_opening
         grasp = HandAtObject(hand, style, T_object_hand, posture, candidates)
-        approach = choose_approach(grasp, objects[slot], opening, [limits.approach_length])
+        approach = choose_approach(grasp, objects[slot], limits.opening(style), [limits.approach_length])
         halves.append(
             SingleGrasp(
                 grasp_id=index,
@@ -55,7 +54,7 @@ def single_grasps(
                 T_object_hand=T_object_hand,
                 contact_candidates=candidates,
                 q=posture,
-                squeeze_q=squeeze_joints(hand, posture, candidates, inward, limits.squeeze_advance, list(fingers)),
+                squeeze_q=squeeze_joints(hand, posture, candidates, inward, limits.squeeze(style), list(fingers)),
                 open_q=approach.open_q,
                 approach_direction=approach.direction,
             )

@@ -86,7 +86,7 @@ class Inspection:
     @cached_property
     def grasp(self) -> HeldGrasp:
         """The candidate and its squeeze."""
-        return held_grasp(self.prepared, self.candidate, self.limits.squeeze_advance)
+        return held_grasp(self.prepared, self.candidate, self.limits.squeeze(self.candidate.style))
 
     @cached_property
     def approach(self) -> Approach:
@@ -97,7 +97,7 @@ class Inspection:
                 candidate.hand, candidate.style, candidate.T_object_hand, candidate.q, candidate.contact_candidates
             ),
             self.prepared,
-            limits.pinch_opening if candidate.style == "pinch" else limits.side_opening,
+            limits.opening(candidate.style),
             lengths=[limits.approach_length],
             support=candidate.support,
         )

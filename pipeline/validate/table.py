@@ -101,7 +101,7 @@ def _gravities_elsewhere(
         return [None] * len(candidates)
     from pipeline.physics.sapien_holding import hold_all_in_gravities
 
-    grasps = [held_grasp(prepared, candidate, limits.squeeze_advance) for candidate in candidates]
+    grasps = [held_grasp(prepared, candidate, limits.squeeze(candidate.style)) for candidate in candidates]
     return hold_all_in_gravities(settings, limits, grasps)
 
 

@@ -157,23 +157,35 @@ def test_first_choices_differ_while_there_are_enough_grasps() -> None:
     assert [len(order) for order in grasp_orders(0, 2, 4, np.random.default_rng(0))] == [0, 0]
 
 
+def measured(objects: float, hand: float, robustness: float | None, friction: float | None) -> dict[str, Any]:
+    return {
+        "rejected_by": "",
+        "object_clearance": objects,
+        "hand_clearance": hand,
+        "robustness": robustness,
+        "lowest_friction": friction,
+    }
+
+
 def test_only_accepted_grasps_are_used(grasp_row) -> None:
-    table = pd.DataFrame(
-        [
-            grasp_row | {"merged_id": i, "rejected_by": r, "object_clearance": 0.02, "hand_clearance": 0.01}
-            for i, r in ((5, ""), (2, "gravity"), (1, ""))
-        ]
-    )
-    assert [grasp.merged_id for grasp in accepted_grasps(table, HAND, GROUPS)] == [1, 5]
+    verdicts = ((5, ""), (2, "gravity"), (1, ""))
+    rows = [grasp_row | measured(0.02, 0.01, 0.5, 0.5) | {"merged_id": i, "rejected_by": r} for i, r in verdicts]
+    assert [grasp.merged_id for grasp in accepted_grasps(pd.DataFrame(rows), HAND, GROUPS, 0.002)] == [1, 5]
 
 
-def test_grasps_with_the_most_room_come_first(grasp_row) -> None:
-    gaps = {0: (0.03, 0.002), 1: (0.004, 0.009), 2: (0.02, 0.001), 3: (0.02, 0.004)}
-    rows = [
-        grasp_row | {"merged_id": i, "rejected_by": "", "object_clearance": objects, "hand_clearance": hand}
-        for i, (objects, hand) in gaps.items()
-    ]
-    assert [grasp.merged_id for grasp in accepted_grasps(pd.DataFrame(rows), HAND, GROUPS)] == [1, 3, 0, 2]
+def test_robust_grasps_with_enough_room_come_first(grasp_row) -> None:
+    table = {
+        0: measured(0.03, 0.001, 1.0, 0.3),  # the best, but for its room
+        1: measured(0.004, 0.009, 0.5, 0.5),
+        2: measured(0.02, 0.003, 0.75, 0.6),
+        3: measured(0.02, 0.004, 0.5, 0.4),
+        4: measured(0.03, 0.03, None, None),  # not measured
+        5: measured(0.005, 0.02, 0.5, 0.5),  # more room than 1
+        6: measured(0.03, 0.03, 0.5, None),  # holds at no friction of the ladder
+    }
+    rows = [grasp_row | row | {"merged_id": i} for i, row in table.items()]
+    order = [grasp.merged_id for grasp in accepted_grasps(pd.DataFrame(rows), HAND, GROUPS, 0.002)]
+    assert order == [2, 3, 5, 1, 6, 4, 0]
 
 
 def test_trial_seeds_depend_on_pair_and_number(objects, grasp) -> None:

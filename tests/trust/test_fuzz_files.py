@@ -162,7 +162,7 @@ def test_tables_of_grasps(place, merged_table, changes):
     source = place / "table.parquet"
     source.write_bytes(damaged(merged_table, changes))
     folder = WorkingFolder(place)
-    valid_or_one_sentence(lambda: accepted_grasps(read_table(source, MERGED, "merge@cube"), HAND, GROUPS))
+    valid_or_one_sentence(lambda: accepted_grasps(read_table(source, MERGED, "merge@cube"), HAND, GROUPS, 0.002))
     valid_or_one_sentence(lambda: grasps_of(read_flat(source, PAIR_GRASPS, "merge@cube")))
     valid_or_one_sentence(lambda: read_columns(folder, Path("table.parquet"), MERGED, "merge@cube"))
     valid_or_one_sentence(lambda: _grasp(Choice(source), HAND, PAIR))

@@ -115,7 +115,7 @@ def test_a_friction_of_the_tests_is_that_of_every_contact() -> None:
 @pytest.mark.parametrize(
     ("limits", "reason"),
     [
-        ({"squeeze_advance": 0.0, "gravity_directions": ["+z", "-z"]}, "gravity:+z"),
+        ({"pinch_squeeze": 0.0, "side_squeeze": 0.0, "gravity_directions": ["+z", "-z"]}, "gravity:+z"),
         ({"rotation_limit": 1e-9, "gravity_directions": ["+y"]}, "gravity:+y"),
         ({"drift_limit": 1e-9, "gravity_directions": ["-z"]}, "gravity:-z"),
     ],
@@ -131,7 +131,7 @@ def test_bad_grasp_is_rejected_by_name(limits: dict, reason: str) -> None:
 def test_all_checks_run_without_early_rejection() -> None:
     prepared, candidate = block_grasp()
     columns = check_candidate(
-        prepared, candidate, SETTINGS, ValidateParameters(squeeze_advance=0.0, early_rejection=False)
+        prepared, candidate, SETTINGS, ValidateParameters(pinch_squeeze=0.0, side_squeeze=0.0, early_rejection=False)
     )
     assert columns["rejected_by"].startswith("gravity:")
     assert len(columns["gravity_drift"]) == 6 and columns["table_drift"] is not None

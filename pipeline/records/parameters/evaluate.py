@@ -13,6 +13,13 @@ class EvaluateParameters(Section):
     """Scene, motion and success criterion of a trial."""
 
     trials: int = Field(25, ge=1, le=1000, description="Trials per pair. Paper: 25.")
+    least_room: float = Field(
+        0.002,
+        ge=0,
+        le=0.05,
+        description="[m] Smallest clearance, of the objects from each other and from links that do not hold them, of "
+        "grasps that are tried before all others. Of these, the most robust are tried first. Paper: grasps are drawn.",
+    )
     object_distance: float = Field(
         0.2, gt=0.1, le=0.5, description="[m] Distance between the two objects on the sponge. Paper: 0.2."
     )

@@ -29,12 +29,19 @@ class ValidateParameters(Section):
     gravity_seconds: float = Field(
         2.5, gt=0, le=20, description="[s] Simulated time for each direction of gravity. Paper: 2.5."
     )
-    squeeze_advance: float = Field(
+    pinch_squeeze: float = Field(
         0.01,
         ge=0,
         le=0.05,
-        description="[m] Distance by which the contacts are commanded into the object along the inward normal when the "
-        "hand squeezes. Paper's code: 0.03.",
+        description="[m] Distance by which the contacts of a pinch grasp are commanded into the object along the "
+        "inward normals when the hand squeezes. Paper's code: 0.03.",
+    )
+    side_squeeze: float = Field(
+        0.01,
+        ge=0,
+        le=0.05,
+        description="[m] Distance by which the contacts of a side grasp are commanded into the object along the inward "
+        "normals when the hand squeezes. Paper's code: 0.03.",
     )
     sapien_contact_offset: float = Field(
         0.005,
@@ -91,6 +98,14 @@ class ValidateParameters(Section):
     most_candidates: int = Field(
         10000, ge=1, description="Maximum number of candidates tested per object and style, in order of grasp_id."
     )
+
+    def squeeze(self, style: str) -> float:
+        """Return the distance, m, by which the contacts of a style squeeze."""
+        return self.pinch_squeeze if style == "pinch" else self.side_squeeze
+
+    def opening(self, style: str) -> float:
+        """Return the distance, m, by which the contacts of a style open for the approach."""
+        return self.pinch_opening if style == "pinch" else self.side_opening
 
     def for_floating_hand(self, physics: PhysicsParameters) -> PhysicsParameters:
         """Return ``physics`` with PhysX's contact offset and the friction of the tests with a floating hand."""
