@@ -61,6 +61,7 @@ def kept_by_workers(client) -> set[str]:
 
 def test_libraries_of_workers_use_one_thread():
     assert {count for counts in fan_out(threads, [0, 1], DASK, "threads") for count in counts} == {1}
+    assert set(connection("", 2).nthreads().values()) == {1}  # a worker has one call at a time
 
 
 def test_nothing_at_the_address_is_one_sentence(monkeypatch):
