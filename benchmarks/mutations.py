@@ -24,6 +24,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[1]
 OPPOSITES: dict[type, type] = {
     ast.Lt: ast.GtE, ast.GtE: ast.Lt, ast.Gt: ast.LtE, ast.LtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
@@ -110,11 +112,28 @@ def tests_of(root: Path, room: str) -> list[str]:
 
 
 def first_failure(root: Path, tests: list[str]) -> str:
-    """Run tests until one fails and return its name, '' when all pass."""
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--color=no", *tests]
-    done = subprocess.run(command, cwd=root, capture_output=True, text=True, stdin=subprocess.DEVNULL)
-    named = re.search(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE)
-    return named[1] if named else "" if done.returncode == 0 else "the start of the tests"
+    """Run tests, slow ones last, until one fails, and return its name; '' when all pass."""
+    for which in ("not slow", "slow"):
+        command = [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-x",
+            "-q",
+            "-p",
+            "no:cacheprovider",
+            "--color=no",
+            "-m",
+            which,
+            *tests,
+        ]
+        done = subprocess.run(command, cwd=root, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+        named = re.search(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE)
+        if named:
+            return named[1]
+        if done.returncode not in (0, pytest.ExitCode.NO_TESTS_COLLECTED):
+            return "the start of the tests"
+    return ""
 
 
 def main() -> int:
