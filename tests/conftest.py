@@ -3,13 +3,14 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from filelock import FileLock
 
 import pipeline  # noqa: F401  (sets the thread counts before numpy is imported)
+from tests.pipeline import warm as warm_python
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -56,6 +57,16 @@ def made_once(tmp_path_factory) -> Callable[[str, Callable[[Path], object]], Pat
         return shared / name
 
     return folder
+
+
+@pytest.fixture(scope="session")
+def warm(tmp_path_factory) -> Iterator[None]:
+    """Let `python` be the stand-in of :mod:`tests.pipeline.warm`, for everything that is started by that name."""
+    folder = tmp_path_factory.mktemp("warm")
+    with warm_python.start(folder) as server, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PATH", str(folder), prepend=os.pathsep)
+        yield
+        server.communicate()
 
 
 @pytest.fixture

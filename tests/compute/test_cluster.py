@@ -15,7 +15,7 @@ from pipeline.compute.pool import run_on
 from pipeline.compute.shared import Shared
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.compute import ComputeParameters
-from tests.compute.items import counting, draw, fail_on_three, total, weighted
+from tests.compute.items import counting, draw, total, weighted
 
 pytest.importorskip("distributed", reason="needs the extra `cluster`")
 
@@ -26,17 +26,6 @@ def threads(_: int) -> list[int]:
     import threadpoolctl
 
     return [found["num_threads"] for found in threadpoolctl.threadpool_info()]
-
-
-def test_results_are_those_of_processes():
-    items = list(range(12))
-    assert fan_out(draw, items, DASK, "drawn") == [draw(item) for item in items]
-    assert fan_out(draw, [], DASK, "none") == []
-
-
-def test_an_exception_keeps_its_type():
-    with pytest.raises(LookupError, match="item three"):
-        fan_out(fail_on_three, list(range(6)), DASK, "failing")
 
 
 def test_what_is_shared_is_sent_once_and_by_no_file(monkeypatch):
@@ -72,6 +61,7 @@ def kept_by_workers(client) -> set[str]:
 
 def test_libraries_of_workers_use_one_thread():
     assert {count for counts in fan_out(threads, [0, 1], DASK, "threads") for count in counts} == {1}
+    assert set(connection("", 2).nthreads().values()) == {1}  # a worker has one call at a time
 
 
 def test_nothing_at_the_address_is_one_sentence(monkeypatch):

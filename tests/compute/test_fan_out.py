@@ -1,9 +1,7 @@
 import os
 
-import pytest
-
 from pipeline.compute.fan_out import fan_out, worker_count
-from tests.compute.items import draw, fail_on_three
+from tests.compute.items import draw
 
 
 def threads_of_libraries(_: int) -> str:
@@ -19,12 +17,6 @@ def test_results_do_not_depend_on_the_number_of_workers():
 
 def test_no_items_give_no_results():
     assert fan_out(draw, [], workers=2, label="none") == []
-
-
-@pytest.mark.parametrize("workers", [1, 2])
-def test_an_exception_keeps_its_type(workers):
-    with pytest.raises(LookupError, match="item three"):
-        fan_out(fail_on_three, list(range(6)), workers=workers, label="failing")
 
 
 def test_workers_compute_on_one_thread():

@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import trimesh
 
@@ -19,32 +18,11 @@ from pipeline.pairing.task import groups_of
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters
+from tests.objects import prepared
 from tests.pairs import PAIR
 
 HAND = load_hand("allegro")
 GROUPS = groups_of(HAND, PAIR)
-
-
-def prepared(name: str, mesh: trimesh.Trimesh, density: float = 500.0) -> PreparedObject:
-    """A convex shape centred at its centre of mass, without a distance grid."""
-    mesh.density = density
-    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
-    return PreparedObject(
-        name=name,
-        vertices=vertices,
-        faces=faces,
-        parts=((vertices, faces),),
-        distance=np.zeros((0, 0, 0), np.float32),
-        distance_origin=np.zeros(3),
-        distance_spacing=0.001,
-        surface_points=vertices,
-        surface_normals=vertices,
-        mass=float(mesh.mass),
-        inertia=np.asarray(mesh.moment_inertia),
-        volume=float(mesh.volume),
-        extents=np.asarray(mesh.extents),
-        provenance={},
-    )
 
 
 @pytest.fixture(scope="session")

@@ -20,7 +20,8 @@ from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.picks import PickParameters
 from pipeline.records.tables import TRIALS, read_table, write_table
 from pipeline.stages.seeds import item_seed
-from tests.evaluate.conftest import HAND, prepared
+from tests.evaluate.conftest import HAND
+from tests.objects import prepared
 
 SETTINGS = EvaluateParameters(lift_height=0.36)
 PICKS = tuple(

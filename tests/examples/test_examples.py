@@ -2,7 +2,6 @@
 
 import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -10,13 +9,14 @@ import trimesh
 import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
+pytestmark = pytest.mark.usefixtures("warm")
 EXAMPLES = sorted(path.name for path in (ROOT / "examples").glob("*.py"))
 
 
 def printed(name: str, *arguments: str, folder: Path = ROOT) -> list[str]:
     """Run an example as a user would and return the lines that it prints."""
     done = subprocess.run(
-        [sys.executable, f"examples/{name}", *arguments],
+        ["python", f"examples/{name}", *arguments],
         cwd=folder,
         env=os.environ | {"PYTHONPATH": str(folder)},
         capture_output=True,

@@ -45,35 +45,6 @@ def test_contact_candidates_per_link_and_finger() -> None:
     assert Counter(HAND.contact_finger) == {"index": 34, "middle": 34, "ring": 34, "thumb": 29, "palm": 12}
 
 
-def _distance_to_own_shapes(link: int, points: np.ndarray) -> np.ndarray:
-    """Signed distances of points in a link's frame to the shapes of that link, exact for boxes and balls."""
-    distances = []
-    for own, pose, half in zip(HAND.box_link, HAND.box_pose, HAND.box_half, strict=True):
-        if own == link:
-            beyond = np.abs((points - pose[:3, 3]) @ pose[:3, :3]) - half
-            distances.append(np.linalg.norm(np.maximum(beyond, 0), axis=1) + np.minimum(beyond.max(1), 0))
-    for own, centre, radius in zip(HAND.sphere_link, HAND.sphere_centre, HAND.sphere_radius, strict=True):
-        if own == link:
-            distances.append(np.linalg.norm(points - centre, axis=1) - radius)
-    return np.min(distances, axis=0)
-
-
-@pytest.mark.parametrize("name", sorted({HAND.link_names[link] for link in HAND.contact_link}))
-def test_contact_candidates_lie_on_the_collision_surface(name: str) -> None:
-    own = HAND.contact_link == HAND.link(name)
-    distances = _distance_to_own_shapes(HAND.link(name), HAND.contact_points[own])
-    np.testing.assert_allclose(distances, 0.0, atol=1e-9)
-
-
-@pytest.mark.parametrize("name", sorted({HAND.link_names[link] for link in HAND.contact_link}))
-def test_contact_normals_point_out_of_the_link(name: str) -> None:
-    own = HAND.contact_link == HAND.link(name)
-    normals = HAND.contact_normals[own]
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
-    outside = _distance_to_own_shapes(HAND.link(name), HAND.contact_points[own] + 1e-3 * normals)
-    np.testing.assert_allclose(outside, 1e-3, atol=1e-6)
-
-
 def test_tip_candidates_face_the_palm_side() -> None:
     tips = np.isin(HAND.contact_link, HAND.sphere_link)
     points = HAND.contact_points[tips]

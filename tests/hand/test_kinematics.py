@@ -5,7 +5,6 @@ import pytest
 
 from pipeline.hand.kinematics import link_poses, point_jacobian, points_on_links
 from pipeline.hand.model import load_hand
-from pipeline.hand.robot import robot_file
 
 HAND = load_hand("allegro")
 
@@ -27,22 +26,6 @@ def test_link_poses_equal_pytorch_kinematics() -> None:
     for link, name in enumerate(HAND.link_names):
         expected = np.linalg.inv(root) @ theirs[name].get_matrix().numpy()
         np.testing.assert_allclose(ours[:, link], expected, atol=2e-7, err_msg=name)
-
-
-def test_link_poses_equal_pinocchio() -> None:
-    pinocchio = pytest.importorskip("pinocchio")
-    model = pinocchio.buildModelFromUrdf(str(robot_file(False, HAND)))
-    data = model.createData()
-    for q in random_postures(20):
-        configuration = np.zeros(model.nq)
-        for name, angle in zip(HAND.joint_names, q, strict=True):
-            configuration[model.joints[model.getJointId(name)].idx_q] = angle
-        pinocchio.framesForwardKinematics(model, data, configuration)
-        root = data.oMf[model.getFrameId("base_link")].homogeneous
-        ours = link_poses(HAND, q[None])[0]
-        for link, name in enumerate(HAND.link_names):
-            expected = np.linalg.inv(root) @ data.oMf[model.getFrameId(name)].homogeneous
-            np.testing.assert_allclose(ours[link], expected, atol=1e-9, err_msg=name)
 
 
 def test_points_on_links_are_transformed_by_their_own_link() -> None:

@@ -16,6 +16,7 @@ from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.records.poses import inverse_pose
+from tests.objects import Field, box_distance, cylinder_distance, exact_grid, prepared
 from tests.pairs import PAIR
 
 HAND = load_hand("allegro")
@@ -27,49 +28,25 @@ PALM_FACE = 0.0117  # m, x of the palm's front, from the collision boxes of the 
 REST = np.array([0, 0.9, 0.6, 0.4, 0, 0.3, 0.3, 0.2, 0, 0.0, 0.0, 0.0, 1.3, 0.3, 0.5, 0.6])
 
 
-def prepared(name: str, mesh: trimesh.Trimesh, distance_function, cells: int = 48) -> PreparedObject:
-    """A prepared object whose signed-distance grid is exact at the cells."""
-    low = mesh.bounds[0] - 0.01
-    spacing = float((np.ptp(mesh.bounds, axis=0) + 0.02).max() / (cells - 1))
-    shape = np.ceil((mesh.bounds[1] + 0.01 - low) / spacing).astype(int) + 1
-    grid = np.stack(np.meshgrid(*(np.arange(n) * spacing for n in shape), indexing="ij"), -1) + low
+def sampled(name: str, mesh: trimesh.Trimesh, field: Field) -> PreparedObject:
+    """A prepared object whose distances are exact at the cells, with its corners among its samples."""
     points, face = trimesh.sample.sample_surface_even(mesh, 2000, seed=0)
-    return PreparedObject(
-        name=name,
-        vertices=np.asarray(mesh.vertices),
-        faces=np.asarray(mesh.faces),
-        parts=((np.asarray(mesh.vertices), np.asarray(mesh.faces)),),
-        distance=distance_function(grid).astype(np.float32),
-        distance_origin=low,
-        distance_spacing=spacing,
-        surface_points=np.concatenate([np.asarray(mesh.vertices), points]),
-        surface_normals=np.concatenate([np.asarray(mesh.vertex_normals), mesh.face_normals[face]]),
-        mass=500 * mesh.volume,
-        inertia=np.asarray(mesh.moment_inertia) * 500,
-        volume=float(mesh.volume),
-        extents=mesh.extents,
-        provenance={},
-    )
+    samples = {
+        "surface_points": np.concatenate([np.asarray(mesh.vertices), points]),
+        "surface_normals": np.concatenate([np.asarray(mesh.vertex_normals), mesh.face_normals[face]]),
+    }
+    return prepared(name, mesh, **exact_grid(mesh, field, padding=0.01), **samples)
 
 
 @lru_cache
 def box(side: float = 0.042) -> PreparedObject:
-    half = side / 2
-
-    def distance(points):
-        beyond = np.abs(points) - half
-        return np.linalg.norm(np.maximum(beyond, 0), axis=-1) + np.minimum(beyond.max(-1), 0)
-
-    return prepared("box", trimesh.creation.box([side] * 3), distance)
+    return sampled("box", trimesh.creation.box([side] * 3), box_distance(np.full(3, side / 2)))
 
 
 @lru_cache
 def cylinder(radius: float = 0.0285, height: float = 0.105) -> PreparedObject:
-    def distance(points):
-        beyond = np.stack([np.linalg.norm(points[..., :2], axis=-1) - radius, np.abs(points[..., 2]) - height / 2], -1)
-        return np.linalg.norm(np.maximum(beyond, 0), axis=-1) + np.minimum(beyond.max(-1), 0)
-
-    return prepared("cylinder", trimesh.creation.cylinder(radius, height, sections=64), distance)
+    mesh = trimesh.creation.cylinder(radius, height, sections=64)
+    return sampled("cylinder", mesh, cylinder_distance(radius, height / 2))
 
 
 def _pressed(q, joint_changes):

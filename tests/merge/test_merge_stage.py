@@ -10,7 +10,6 @@ import yaml
 from pipeline.merge import __main__ as stage
 from pipeline.records import paths
 from pipeline.records.objects import write_prepared_object
-from pipeline.records.parameters import read_parameters
 from pipeline.records.poses import position_quaternion
 from pipeline.records.tables import MERGED, VALIDATED, read_table, rows_of, write_table
 from tests.merge.constructed import box, cylinder, pinch, side
@@ -119,9 +118,3 @@ def test_missing_input_is_one_sentence_and_leaves_the_old_result(project: Path, 
     error = capsys.readouterr().err.strip()
     assert error.count("\n") == 0 and "validate@side" in error
     assert paths.merged_file("box").read_bytes() == before
-
-
-def test_sections_exist(project: Path) -> None:
-    parameters = read_parameters()
-    for section in stage.sections():
-        assert hasattr(parameters, "validate_" if section == "validate" else section)

@@ -8,7 +8,6 @@ import re
 import shutil
 import sqlite3
 import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -74,13 +73,13 @@ class WorkingCopy:
 
     def dvc(self, *arguments: str) -> str:
         """Run dvc and return what it prints; it must succeed."""
-        done = self.command(sys.executable, "-m", "dvc", *arguments)
+        done = self.command("python", "-m", "dvc", *arguments)
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout
 
     def repro(self, *arguments: str, succeed: bool = True, **environment: str) -> Repro:
         """Run `dvc repro`."""
-        done = self.command(sys.executable, "-m", "dvc", "repro", *arguments, env=os.environ | environment)
+        done = self.command("python", "-m", "dvc", "repro", *arguments, env=os.environ | environment)
         result = Repro(done.returncode, done.stdout + done.stderr)
         assert (result.code == 0) == succeed, result.output
         return result
@@ -162,14 +161,14 @@ def fresh(repository, tmp_path) -> WorkingCopy:
 
 
 @pytest.fixture(scope="session")
-def finished(repository, made_once) -> WorkingCopy:
+def finished(repository, made_once, warm) -> WorkingCopy:
     """The whole pipeline at scale tiny, run once by real DVC and committed. Do not change it."""
     return WorkingCopy(made_once("finished", lambda folder: _run_tiny(repository, folder)))
 
 
 def _run_tiny(repository: Path, target: Path) -> None:
     copy = copy_of_sources(repository, target)
-    composed = copy.command(sys.executable, "-m", "tools.scales", "compose", "tiny")
+    composed = copy.command("python", "-m", "tools.scales", "compose", "tiny")
     assert composed.returncode == 0, composed.stderr
     copy.repro()
     copy.commit("Results")

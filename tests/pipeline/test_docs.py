@@ -72,12 +72,6 @@ def test_no_other_command_is_left_unchecked():
     assert [line for line in lines_of_blocks() if not line.startswith(STARTS)] == []
 
 
-@pytest.mark.parametrize("command", sorted({c.split()[1] for c in commands("./dev ")}))
-def test_every_command_of_dev_exists(command):
-    done = subprocess.run([ROOT / "dev", command, "--help"], capture_output=True, text=True, stdin=subprocess.DEVNULL)
-    assert done.returncode == 0 and done.stdout.startswith(f"Usage: ./dev {command}"), done.stderr
-
-
 @pytest.mark.parametrize("command", [c for c in commands("./dev add-object ") if "FILE" not in c])
 def test_every_addition_is_understood(command):
     assert command_line().parse_args(shlex.split(command)[2:]).style in STYLES

@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import copy
-import multiprocessing
-import os
-import runpy
 import shutil
-import sys
 from pathlib import Path
 
 import pytest
-from joblib.externals.loky import get_reusable_executor
 
 from pipeline.records.parameters import Parameters
 from tests.pipeline.conftest import WorkingCopy
@@ -22,8 +17,6 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[2]
 STAGES = {stage.name: stage for stage in declared_stages(ROOT) if stage.room not in ("code", "track")}
 CODE = ("pipeline", "constraints.txt", "dvc.yaml", "code.yaml")  # by which a stage knows its own fingerprint
-# Loaded once, as loading them takes longer than most stages at scale tiny.
-LARGE = ("pipeline", "numpy", "pandas", "pyarrow.parquet", "scipy.spatial", "torch", "trimesh", "sapien", "pycolmap")
 
 
 def perturbed(content: dict, declared: tuple[str, ...], workers: int) -> dict:
@@ -66,30 +59,8 @@ def perturbed(content: dict, declared: tuple[str, ...], workers: int) -> dict:
     return changed_content
 
 
-def run_in(folder: str, command: list[str]) -> None:
-    """Run `python -m ...` in a folder, with what it prints in a file there."""
-    os.chdir(folder)
-    with open("printed", "w") as printed:
-        os.dup2(printed.fileno(), 1)
-        os.dup2(printed.fileno(), 2)
-    sys.argv = command[2:]
-    try:
-        runpy.run_module(command[2], run_name="__main__", alter_sys=True)
-    finally:
-        # This process waits for its children, and does not end them first as a command does.
-        get_reusable_executor().shutdown()
-
-
-@pytest.fixture(scope="module")
-def processes():
-    """Where processes begin that have the large packages loaded."""
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(list(LARGE))
-    return context
-
-
 @pytest.mark.parametrize("stage", STAGES.values(), ids=STAGES)
-def test_a_stage_gives_the_same_bytes_from_its_declared_inputs_alone(finished, tmp_path, processes, stage: Stage):
+def test_a_stage_gives_the_same_bytes_from_its_declared_inputs_alone(finished, tmp_path, stage: Stage):
     """Only what `dvc.yaml` declares is there, and every other parameter is different."""
     alone = WorkingCopy(tmp_path)
     known = {output: other.outputs for other in STAGES.values() for output in other.outputs}
@@ -114,10 +85,8 @@ def test_a_stage_gives_the_same_bytes_from_its_declared_inputs_alone(finished, t
     # One stage in two processes, for that it makes no difference; tests of the rooms do the same for others.
     workers = 2 if stage.name == "evaluate@learned" else 1
     alone.write_parameters(perturbed(finished.parameters(), declared, workers))
-    process = processes.Process(target=run_in, args=(str(alone.root), stage.command.split()))
-    process.start()
-    process.join()
-    assert process.exitcode == 0, (alone / "printed").read_text()
+    done = alone.command(*stage.command.split())
+    assert done.returncode == 0, done.stderr
     expected = {
         path: value
         for path, value in finished.fingerprints().items()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -414,8 +413,3 @@ def test_dry_run_that_fails_is_told_by_the_exit_code(workplace: Path, capsys) ->
     assert command.main(["--table", "grasps.parquet", "--play", "--output", "out"]) == 1
     assert "dry run in simulation: ended early: first " in capsys.readouterr().out
     assert not json.loads((workplace / "out/playback.json").read_text())["success"]
-
-
-def test_help_is_there(run_module) -> None:
-    done = run_module("pipeline.plan", "--help", env=dict(os.environ))
-    assert done.returncode == 0 and "--play" in done.stdout

@@ -4,36 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.capture import RenderingParameters
+from tests.objects import prepared
 
 PLACES = {
     "block": {"position": (-0.07, -0.04), "yaw_degrees": 20.0},
     "can": {"position": (0.06, 0.04), "yaw_degrees": 0.0},
 }
-
-
-def prepared(name: str, mesh) -> PreparedObject:
-    """A prepared object that only has a surface: all that a rendering reads."""
-    none = np.zeros((0, 3))
-    return PreparedObject(
-        name=name,
-        vertices=np.asarray(mesh.vertices, np.float64),
-        faces=np.asarray(mesh.faces, np.int64),
-        parts=(),
-        distance=np.zeros((1, 1, 1), np.float32),
-        distance_origin=np.zeros(3),
-        distance_spacing=1.0,
-        surface_points=none,
-        surface_normals=none,
-        mass=1.0,
-        inertia=np.eye(3),
-        volume=float(mesh.volume),
-        extents=np.asarray(mesh.extents),
-        provenance={},
-    )
 
 
 def shapes() -> dict[str, PreparedObject]:

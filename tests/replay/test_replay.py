@@ -494,8 +494,3 @@ def test_playing_advances_with_the_clock(evaluated: Path, replayed: Recording, m
 
 def test_start_of_the_recording_is_the_start_of_trials(replayed: Recording) -> None:
     np.testing.assert_allclose(replayed.robot_q[0], np.concatenate([START_ARM, START_HAND]), atol=0.05)
-
-
-def test_help_is_there(run_module) -> None:
-    done = run_module("pipeline.replay", "--help")
-    assert done.returncode == 0 and "--video" in done.stdout and done.stdout.startswith("usage: ./dev replay")

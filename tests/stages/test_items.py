@@ -4,16 +4,16 @@ import os
 import random
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 import yaml
 
+ROOT = Path(__file__).resolve().parents[2]
 STAGE = {
     "stages": {
         "squares": {
-            "cmd": f"{sys.executable} {Path(__file__).with_name('toy_stage.py')}",
+            "cmd": f"python {Path(__file__).with_name('toy_stage.py')}",
             "params": ["numbers", "code", "kind"],
             "outs": ["out", "data/items/squares.json"],
         }
@@ -22,19 +22,15 @@ STAGE = {
 
 
 class Project:
-    """A DVC project with one stage of items."""
+    """A DVC project with one stage of items, in an existing folder."""
 
-    def __init__(self, folder: Path, repository: Path) -> None:
+    def __init__(self, folder: Path, kind: str) -> None:
         self.folder, self.log = folder, folder.parent / f"{folder.name}.log"
-        self.environment = os.environ | {"LOG": str(self.log), "PYTHONPATH": str(repository)}
-        folder.mkdir()
-        self.parameters = {"code": 1, "kind": "tables", "numbers": {"a": {1: 1, 2: 2}, "b": {1: 3, 2: 4, 3: 5}}}
-        (folder / "dvc.yaml").write_text(yaml.safe_dump(STAGE))
-        (folder / ".dvcignore").write_text("/data/.unfinished\n*.tmp\n")
-        self.run("git", "init", "-q")
-        self.run("dvc", "init", "-q")
+        self.environment = os.environ | {"LOG": str(self.log), "PYTHONPATH": str(ROOT)}
+        self.parameters = {"code": 1, "kind": kind, "numbers": {"a": {1: 1, 2: 2}, "b": {1: 3, 2: 4, 3: 5}}}
 
     def run(self, *command: str, **environment: str) -> subprocess.CompletedProcess[str]:
+        command = ("python", "-m", *command) if command[0] == "dvc" else command
         return subprocess.run(
             command, cwd=self.folder, env=self.environment | environment, capture_output=True, text=True
         )
@@ -57,8 +53,7 @@ class Project:
 
     def from_nothing(self) -> dict[str, bytes]:
         """Return the output of the same parameters where nothing was made before."""
-        other = Project.__new__(Project)
-        other.__dict__ |= self.__dict__ | {"folder": self.folder.with_name("nothing"), "log": self.log}
+        other = Project(self.folder.with_name(f"{self.folder.name}-nothing"), self.parameters["kind"])
         shutil.rmtree(other.folder, ignore_errors=True)
         other.folder.mkdir()
         shutil.copy(self.folder / "params.yaml", other.folder)
@@ -67,14 +62,24 @@ class Project:
         return other.output()
 
 
-@pytest.fixture
-def project(tmp_path, repository, request) -> Project:
-    """A project whose stage has run; it writes tables, or what a test asks for indirectly."""
-    made = Project(tmp_path / "project", repository)
-    made.parameters["kind"] = getattr(request, "param", "tables")
+def run_once(folder: Path, kind: str) -> None:
+    """Make a project whose stage has run."""
+    folder.mkdir()
+    (folder / "dvc.yaml").write_text(yaml.safe_dump(STAGE))
+    (folder / ".dvcignore").write_text("/data/.unfinished\n*.tmp\n")
+    made = Project(folder, kind)
+    made.run("git", "init", "-q")
+    made.run("dvc", "init", "-q")
     assert made.repro() == ["a/1", "a/2", "b/1", "b/2", "b/3"]
     assert made.output() == made.from_nothing()
-    return made
+
+
+@pytest.fixture
+def project(tmp_path, made_once, request, warm) -> Project:
+    """A project whose stage has run; it writes tables, or what a test asks for indirectly."""
+    kind = getattr(request, "param", "tables")
+    shutil.copytree(made_once(f"toy-{kind}", lambda folder: run_once(folder, kind)), tmp_path / "project")
+    return Project(tmp_path / "project", kind)
 
 
 @pytest.mark.parametrize("project", ["tables", "folders"], indirect=True)
@@ -148,8 +153,7 @@ def test_a_clone_that_pulls_computes_only_what_is_new(project, tmp_path):
     project.run("git", "add", "-A")
     project.run("git", "-c", "user.name=a", "-c", "user.email=a@b.c", "commit", "-qm", "all")
     assert project.run("dvc", "push").returncode == 0
-    clone = Project.__new__(Project)
-    clone.__dict__ |= project.__dict__ | {"folder": tmp_path / "clone"}
+    clone = Project(tmp_path / "clone", "tables")
     project.run("git", "clone", "-q", ".", str(clone.folder))
     assert clone.run("dvc", "pull").returncode == 0
     clone.parameters["numbers"]["a"][3] = 9

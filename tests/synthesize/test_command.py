@@ -27,9 +27,10 @@ CHAINS = 40
 def workplace(empty_folder: Path, repository: Path) -> Path:
     """Two prepared objects and short chains."""
     values = yaml.safe_load((repository / "params.yaml").read_text())
-    values["synthesize"]["optimizer"]["polish_iterations"] = 40
+    values["synthesize"]["optimizer"]["polish_iterations"] = 20
+    values["synthesize"]["energy"] |= {"object_points": 500, "hand_points": 400}
     for style in ("pinch", "side"):
-        values["synthesize"][style] |= {"chains": CHAINS, "iterations": 300}
+        values["synthesize"][style] |= {"chains": CHAINS, "iterations": 120}
     values["compute"]["workers"] = 1
     write(empty_folder, values)
     for prepared in (shapes.box("cube"), shapes.cylinder("slender_cylinder")):

@@ -8,30 +8,15 @@ import trimesh
 import yaml
 
 from pipeline.records.objects import PreparedObject
+from tests.objects import prepared
 
 
 def box(name: str, extents: tuple[float, float, float]) -> PreparedObject:
     """A box whose two halves along x are its convex parts."""
-    mesh = trimesh.creation.box(extents)
     x, y, z = extents
     halves = [trimesh.creation.box((x / 2, y, z)).apply_translation((side * x / 4, 0, 0)) for side in (-1, 1)]
-    corners = np.asarray(mesh.vertices, np.float64)
-    return PreparedObject(
-        name=name,
-        vertices=corners,
-        faces=np.asarray(mesh.faces, np.int64),
-        parts=tuple((np.asarray(half.vertices, np.float64), np.asarray(half.faces, np.int64)) for half in halves),
-        distance=np.zeros((2, 2, 2), np.float32),
-        distance_origin=np.zeros(3),
-        distance_spacing=0.1,
-        surface_points=corners,
-        surface_normals=corners / np.linalg.norm(corners, axis=1, keepdims=True),
-        mass=0.1,
-        inertia=np.eye(3) * 1e-5,
-        volume=float(np.prod(extents)),
-        extents=np.array(extents),
-        provenance={"licence": "CC0"},
-    )
+    parts = tuple((np.asarray(half.vertices), np.asarray(half.faces, np.int64)) for half in halves)
+    return prepared(name, trimesh.creation.box(extents), parts=parts, provenance={"licence": "CC0"})
 
 
 def write_parameters(repository: Path, folder: Path) -> None:
