@@ -30,7 +30,7 @@ class ValidateParameters(Section):
         2.5, gt=0, le=20, description="[s] Simulated time for each direction of gravity. Paper: 2.5."
     )
     pinch_squeeze: float = Field(
-        0.01,
+        0.005,
         ge=0,
         le=0.05,
         description="[m] Distance by which the contacts of a pinch grasp are commanded into the object along the "
@@ -51,7 +51,7 @@ class ValidateParameters(Section):
         "physics.sapien.contact_offset there. Paper's code: 0.02.",
     )
     friction: float | None = Field(
-        None,
+        0.5,
         ge=0,
         le=5,
         description="Friction coefficient of every two touching bodies in all tests with a floating hand; null: the "
