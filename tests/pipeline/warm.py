@@ -19,6 +19,7 @@ import subprocess
 import sys
 import threading
 import traceback
+import warnings
 from importlib import import_module
 from pathlib import Path
 
@@ -34,7 +35,7 @@ command = sys.argv[1:]
 if not command or command[0] != "-m" and not command[0].endswith(".py"):
     os.execv("{real}", ["{real}", *command])
 with socket.socket(socket.AF_UNIX) as server:
-    server.connect("{address}")
+    server.connect("/proc/self/fd/%d/server" % os.open("{folder}", os.O_RDONLY))  # short, as such addresses must be
     asked = json.dumps([command, os.getcwd(), dict(os.environ)]).encode()
     socket.send_fds(server, [len(asked).to_bytes(8, "little")], [0, 1, 2])
     server.sendall(asked)
@@ -45,11 +46,11 @@ os._exit(answer[0] if answer else 1)
 
 def start(folder: Path) -> subprocess.Popen[str]:
     """Start the server and write the stand-in into a folder; the server ends when its stdin is closed."""
-    address, program = folder / "server", folder / "python"
-    program.write_text(STAND_IN.format(real=sys.executable, address=address))
+    program = folder / "python"
+    program.write_text(STAND_IN.format(real=sys.executable, folder=folder))
     program.chmod(0o755)
     server = subprocess.Popen(
-        [sys.executable, str(Path(__file__)), str(address)],
+        [sys.executable, str(Path(__file__))],
         cwd=folder,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         stdin=subprocess.PIPE,
@@ -61,13 +62,15 @@ def start(folder: Path) -> subprocess.Popen[str]:
     return server
 
 
-def serve(address: str) -> list[str]:
+def serve() -> list[str]:
     """Fork for every stand-in that connects; return its command in the process that is to run it."""
-    for name in LARGE:
-        import_module(name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for name in LARGE:
+            import_module(name)
     gc.freeze()  # forked processes need not copy what they only look at
     with socket.socket(socket.AF_UNIX) as listener:
-        listener.bind(address)
+        listener.bind("server")
         listener.listen()
         signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for those that `keep` ends
         print("ready", flush=True)
@@ -131,7 +134,7 @@ def end(code: object) -> None:
 
 
 if __name__ == "__main__":
-    first, *others = serve(sys.argv[1])
+    first, *others = serve()
     try:
         if first == "-m":
             runpy.run_module(others[0], run_name="__main__", alter_sys=True)
