@@ -6,14 +6,13 @@ Physics has the truth.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.conditions import DistributionParameters, overridden
 from pipeline.records.parameters.physics import PhysicsParameters, friction_of_all_contacts
 from pipeline.records.tables import DRAWN
@@ -95,22 +94,6 @@ def _directions(count: int, rng: np.random.Generator) -> Vectors:
     """Return unit vectors (count, 3), uniform on the sphere."""
     vectors = rng.normal(size=(count, 3))
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-
-
-def weighted(prepared: PreparedObject, mass_factor: float, centre: Vectors) -> PreparedObject:
-    """Return an object of another mass and centre of mass, whose frame has its origin there, as every object's does.
-
-    Args:
-        mass_factor: of mass and of inertia, the latter about the new centre.
-        centre: (3,) the new centre of mass in the frame of ``prepared``, m.
-    """
-    return replace(
-        prepared,
-        vertices=prepared.vertices - centre,
-        parts=tuple((vertices - centre, faces) for vertices, faces in prepared.parts),
-        mass=mass_factor * prepared.mass,
-        inertia=mass_factor * prepared.inertia,
-    )
 
 
 def believed_pose(

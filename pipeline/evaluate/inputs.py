@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from pipeline.evaluate.grasps import SequenceGrasp, accepted_grasps
+from pipeline.evaluate.reconstructed import in_true_frames, true_from_reconstructed
+from pipeline.evaluate.trial import TrialInput, draws, trial_inputs
+from pipeline.hand.model import Hand
+from pipeline.pairing.task import groups_of
 from pipeline.records import paths
 from pipeline.records.digests import digest, prepared_digest
+from pipeline.records.kept import kept_object, kept_table
 from pipeline.records.parameters import chosen_sequences
 from pipeline.records.parameters.names import require_name
 from pipeline.records.sources import SOURCES
-
-if TYPE_CHECKING:
-    from pipeline.evaluate.grasps import SequenceGrasp
-    from pipeline.evaluate.trial import TrialInput
-    from pipeline.hand.model import Hand
+from pipeline.records.tables import MERGED, rows_of
 
 
 def sections(source: str) -> list[str]:
@@ -46,12 +48,6 @@ def grasps_of(source: str, objects: Sequence[str], parameters: dict[str, Any], h
     Raises:
         UserError: their table is missing or damaged.
     """
-    from pipeline.evaluate.grasps import accepted_grasps
-    from pipeline.evaluate.reconstructed import in_true_frames, true_from_reconstructed
-    from pipeline.pairing.task import groups_of
-    from pipeline.records.kept import kept_object, kept_table
-    from pipeline.records.tables import MERGED, rows_of
-
     rows = rows_of(kept_table(SOURCES[source].table(objects[0]), MERGED, SOURCES[source].stage), objects)
     grasps = accepted_grasps(rows, hand, groups_of(hand, parameters["picks"]), parameters["evaluate"].least_room)
     if source != paths.RECONSTRUCTED:
@@ -67,9 +63,6 @@ def inputs_of(source: str, objects: Sequence[str], parameters: dict[str, Any], h
     Raises:
         UserError: the table of grasps or an object is missing or damaged.
     """
-    from pipeline.evaluate.trial import trial_inputs
-    from pipeline.records.kept import kept_object
-
     return trial_inputs(
         source,
         hand,
@@ -89,8 +82,6 @@ def trial_digests(source: str, objects: Sequence[str], parameters: dict[str, Any
     Raises:
         UserError: see :func:`inputs_of`.
     """
-    from pipeline.evaluate.trial import draws
-
     digests = [prepared_digest(name) for name in objects]
     grasps = grasps_of(source, objects, parameters, hand)
     settings = parameters["evaluate"]

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipeline.evaluate.disturbance import Disturbance, weighted
+from pipeline.evaluate.disturbance import Disturbance
 from pipeline.hand.model import Hand
+from pipeline.physics.world import make_world
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.picks import PickParameters
+from pipeline.shapes.mass import weighted
 from pipeline.shapes.workplace import SPONGE_SIZE, SPONGE_X, TABLE_SIZE, TABLE_X
 
 if TYPE_CHECKING:
@@ -144,8 +146,6 @@ def build_scene(
         posts: what stands on the sponge and does not move.
         disturbance: what changes ``physics`` and the objects' masses.
     """
-    from pipeline.physics.world import make_world
-
     world = make_world(disturbance.physics(physics) if disturbance else physics)
     robot = world.add_arm(hand, np.concatenate([START_ARM, START_HAND]))
     sponge = np.array([SPONGE_SIZE, SPONGE_SIZE, settings.sponge_height])

@@ -6,16 +6,15 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import cache, lru_cache, partial
-from typing import TYPE_CHECKING
+
+import pandas as pd
 
 from pipeline.compute.pool import Calls, Work
 from pipeline.compute.shared import Shared
+from pipeline.evaluate.trial import TrialInput, run_trial_with
+from pipeline.records.objects import PreparedObject
 from pipeline.stages.items import Begin, Keep
 from pipeline.stages.outputs import Tables
-
-if TYPE_CHECKING:
-    from pipeline.evaluate.trial import TrialInput
-    from pipeline.records.objects import PreparedObject
 
 
 @contextmanager
@@ -27,10 +26,6 @@ def trials_of(tables: Tables, inputs_of: Callable[[str], Sequence[TrialInput]]) 
         inputs_of: returns the inputs of all trials with the same objects; called with a key without its last part, the
             number.
     """
-    import pandas as pd
-
-    from pipeline.evaluate.trial import run_trial_with
-
     with ExitStack() as until_all_done:
         cached = lru_cache(maxsize=2)(inputs_of)
 

@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest
 
 from pipeline.physics.holding import HeldGrasp
 from pipeline.records.parameters.physics import PhysicsParameters
@@ -71,6 +70,8 @@ def physics_columns(
 
 def survived_share(outcomes: Sequence[bool]) -> dict[str, float]:
     """Return the share of conditions survived and its 95 % score interval (Wilson, 1927)."""
+    from scipy.stats import binomtest
+
     interval = binomtest(sum(outcomes), len(outcomes)).proportion_ci(0.95, "wilson")
     return {
         "robustness": sum(outcomes) / len(outcomes),

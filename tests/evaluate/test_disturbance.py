@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipeline.evaluate.disturbance import Disturbance, believed_pose, draw, weighted
+from pipeline.evaluate.disturbance import Disturbance, believed_pose, draw
 from pipeline.evaluate.execution import Run
 from pipeline.evaluate.scene import START_ARM, START_HAND, build_scene, placed, placement_offsets
 from pipeline.evaluate.sequence import Phase, rest_phase
@@ -20,6 +20,7 @@ from pipeline.records.parameters.conditions import DistributionParameters
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.tables import DRAWN, TRIALS, read_table, write_table
+from pipeline.shapes.mass import weighted
 from tests.evaluate.conftest import HAND
 from tests.pairs import PAIR
 
