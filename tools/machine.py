@@ -12,7 +12,19 @@ from importlib.metadata import PackageNotFoundError, version
 from pipeline.records.errors import UserError
 from tools.scales import describe
 
-PACKAGES = ("dvc", "mlflow", "torch", "warp-lang", "mani_skill", "sapien", "pin", "coal", "toppra", "open3d")
+PACKAGES = (
+    "dvc",
+    "mlflow",
+    "torch",
+    "warp-lang",
+    "mani_skill",
+    "sapien",
+    "mujoco-core",
+    "pin",
+    "coal",
+    "toppra",
+    "open3d",
+)
 
 
 def cuda_device() -> str:

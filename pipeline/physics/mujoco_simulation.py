@@ -82,19 +82,24 @@ class Simulation:
     def _never_meet(self, first: str, second: str) -> bool:
         return frozenset((first, second)) in self.never_meeting
 
-    def step(self, count: int) -> None:
-        """Advance by ``count`` physics steps and remember the impulses of the last; do nothing once diverged."""
+    def step(self, count: int, watched: bool = True) -> None:
+        """Advance by ``count`` physics steps; do nothing once diverged.
+
+        Args:
+            watched: remember the impulses of the last step.
+        """
         model, data = self._build()
         if self.diverged:
             return
         substeps = self.settings.mujoco.substeps
-        if count > 1 and data.xfrc_applied.any():
-            self.step(1)
+        if data.xfrc_applied.any() and count > 1:  # a push lasts one step
+            self.step(1, watched=False)
             count -= 1
-        if count > 1:
-            mujoco.mj_step(model, data, (count - 1) * substeps)
+        unwatched = count - 1 if watched else count
+        if unwatched:
+            mujoco.mj_step(model, data, unwatched * substeps)
         self._impulses = []
-        for _ in range(substeps):
+        for _ in range(substeps if watched else 0):
             mujoco.mj_step(model, data)
             self._remember_contacts()
         data.xfrc_applied[:] = 0.0

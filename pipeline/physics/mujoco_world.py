@@ -37,7 +37,7 @@ class MujocoWorld:
         self.settings = settings
         self.robots: list[MujocoRobot] = []
         self.objects: list[MujocoBody] = []
-        self._simulation = Simulation(settings, gravity)
+        self.simulation = Simulation(settings, gravity)
         self._carriers: list[MujocoCarrier] = []
         self._link_names: dict[str, str] = {}  # by body
 
@@ -53,31 +53,34 @@ class MujocoWorld:
 
     def step(self, count: int = 1) -> None:
         """Advance by ``count`` steps."""
+        self._advance(count, watched=True)
+
+    def _advance(self, count: int, watched: bool) -> None:
         for robot in self.robots:
             robot.drive()
         if not self._carriers:
-            self._simulation.step(count)
+            self.simulation.step(count, watched)
             return
-        for _ in range(count):
+        for left in reversed(range(count)):
             for carrier in self._carriers:
                 carrier.set_off()
-            self._simulation.step(1)
+            self.simulation.step(1, watched and not left)
             for carrier in self._carriers:
                 carrier.arrive()
 
     def squeeze(self, robot: Robot, q: ArrayLike) -> None:
-        """Move the targets to ``q`` (n,), rad, in ``squeeze_seconds``, without gravity and with objects in honey."""
+        """Move the targets to ``q`` (n,), rad, in ``squeeze_seconds``, without gravity and with strongly damped objects."""
         begin, end = robot.q, np.asarray(q, np.float64)
         steps = steps_in(self.settings.mujoco.squeeze_seconds, self.frequency)
         with self._calm():
             for step in range(1, steps + 1):
                 robot.set_targets(begin + step / steps * (end - begin))
-                self.step()
+                self._advance(1, watched=step == steps)
 
     @contextmanager
     def _calm(self) -> Iterator[None]:
         """Take gravity away, and the objects' speed within ``CALM_SECONDS``."""
-        model = self._simulation.model
+        model = self.simulation.model
         gravity = model.opt.gravity.copy()
         model.opt.gravity[:] = 0.0
         for body in self.objects:
@@ -99,26 +102,26 @@ class MujocoWorld:
 
     def _add_robot(self, arm: bool, T_world_root: ArrayLike, hand: Hand, q: ArrayLike) -> MujocoRobot:
         prefix = f"robot{len(self.robots)}/"
-        robot = add_robot(self._simulation, arm, T_world_root, hand, q, prefix)
+        robot = add_robot(self.simulation, arm, T_world_root, hand, q, prefix)
         self.robots.append(robot)
-        links = {body.name for body in self._simulation.spec.bodies if body.name.startswith(prefix)}
+        links = {body.name for body in self.simulation.spec.bodies if body.name.startswith(prefix)}
         self._link_names.update({link: link.removeprefix(prefix) for link in links})
         return robot
 
     def add_object(self, prepared: PreparedObject, T_world_object: ArrayLike, name: str) -> MujocoBody:
         """Add an object at ``T_world_object`` (4, 4)."""
-        add_free_body(self._simulation, prepared, T_world_object, name)
-        self.objects.append(MujocoBody(name, self._simulation, self._link_names))
+        add_free_body(self.simulation, prepared, T_world_object, name)
+        self.objects.append(MujocoBody(name, self.simulation, self._link_names))
         return self.objects[-1]
 
     def add_box(self, half_size: ArrayLike, T_world_box: ArrayLike, name: str) -> MujocoBody:
         """Add a fixed box, ``half_size`` (3,), its centre at ``T_world_box`` (4, 4)."""
-        add_box(self._simulation, half_size, T_world_box, name, slides=False)
-        return MujocoBody(name, self._simulation, self._link_names)
+        add_box(self.simulation, half_size, T_world_box, name, slides=False)
+        return MujocoBody(name, self.simulation, self._link_names)
 
     def add_carrier(self, half_size: ArrayLike, T_world_box: ArrayLike, name: str) -> MujocoCarrier:
         """Add a box that moves by :meth:`MujocoCarrier.carry_to`."""
-        add_box(self._simulation, half_size, T_world_box, name, slides=True)
+        add_box(self.simulation, half_size, T_world_box, name, slides=True)
         position = np.array(T_world_box, np.float64)[:3, 3]
-        self._carriers.append(MujocoCarrier(name, self._simulation, self._link_names, position))
+        self._carriers.append(MujocoCarrier(name, self.simulation, self._link_names, position))
         return self._carriers[-1]

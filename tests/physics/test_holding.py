@@ -4,6 +4,8 @@ import pytest
 from pipeline.hand.kinematics import link_poses
 from pipeline.hand.model import load_hand
 from pipeline.hand.moves import finger_joints, move_points
+from pipeline.physics import holding
+from pipeline.physics.engine import World
 from pipeline.physics.holding import (
     HeldObject,
     Outcome,
@@ -13,8 +15,11 @@ from pipeline.physics.holding import (
     judge,
     rotation_angle,
 )
+from pipeline.physics.world import make_world
+from pipeline.records.errors import UserError
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.validate import ValidateParameters
+from tests.physics.engines import in_both, settings
 from tests.physics.shapes import prepared_box
 
 SETTINGS = PhysicsParameters()
@@ -56,34 +61,39 @@ def clamped_block() -> tuple[np.ndarray, np.ndarray, HeldObject]:
     return q, squeeze, held
 
 
-def test_squeezed_block_is_held_in_all_gravities_and_dropped_without_squeeze() -> None:
+@in_both
+def test_squeezed_block_is_held_in_all_gravities_and_dropped_without_squeeze(engine: str) -> None:
     q, squeeze, held = clamped_block()
     limits = ValidateParameters(early_rejection=False)
-    good = hold_in_gravities(SETTINGS, limits, [held], q, squeeze, HAND)
+    physics = settings(engine)
+    good = hold_in_gravities(physics, limits, [held], q, squeeze, HAND)
     assert good.failed_direction == ""
     assert good.in_contact.all() and good.any_contact.all() and good.drift.max() < 0.02
     assert good.drift.shape == (6, 1)
-    loose = hold_in_gravities(SETTINGS, limits, [held], q, q, HAND)
+    loose = hold_in_gravities(physics, limits, [held], q, q, HAND)
     assert loose.failed_direction == limits.gravity_directions[0]
     assert not loose.in_contact.all()
-    early = hold_in_gravities(SETTINGS, ValidateParameters(), [held], q, q, HAND)
+    early = hold_in_gravities(physics, ValidateParameters(), [held], q, q, HAND)
     assert early.directions == (limits.gravity_directions[0],) and early.steps < loose.steps
 
 
-def test_two_objects_are_judged_separately() -> None:
+@in_both
+def test_two_objects_are_judged_separately(engine: str) -> None:
     q, squeeze, held = clamped_block()
     T = np.eye(4)
     T[:3, 3] = 0.0, -0.3, 0.3  # beside the hand: falls
     other = HeldObject(prepared_box((0.03, 0.03, 0.03)), T, HAND.finger_links["ring"])
     limits = ValidateParameters(gravity_directions=["-z"])
-    result = hold_in_gravities(SETTINGS, limits, [held, other], q, squeeze, HAND)
+    result = hold_in_gravities(settings(engine), limits, [held, other], q, squeeze, HAND)
     assert result.in_contact.tolist() == [[True, False]]
     assert result.drift[0, 1] > 0.15 and result.failed_direction == "-z"
 
 
-def test_repeats_bit_for_bit() -> None:
+@in_both
+def test_repeats_bit_for_bit(engine: str) -> None:
     q, squeeze, held = clamped_block()
-    first, second = (hold_in_gravities(SETTINGS, ValidateParameters(), [held], q, squeeze, HAND) for _ in range(2))
+    limits = ValidateParameters(gravity_directions=["-x", "+y"])
+    first, second = (hold_in_gravities(settings(engine), limits, [held], q, squeeze, HAND) for _ in range(2))
     assert first.drift.tobytes() == second.drift.tobytes()
 
 
@@ -109,3 +119,35 @@ def test_outcome_from_poses_and_pressing_links() -> None:
     np.testing.assert_allclose(outcome.drift, [0.005, 0.0], atol=1e-12)
     np.testing.assert_allclose(outcome.rotation, [0.2, 0.0], atol=1e-6)
     assert outcome.in_contact == (False, True) and outcome.any_contact == (True, True)
+
+
+def test_held_in_both_engines_means_in_each() -> None:
+    still, moved = (0.001, 0.002), (0.003, 0.001)
+    worse = Outcome(still, moved, (True, False), (True, True)).worse(Outcome(moved, still, (True, True), (False, True)))
+    assert worse == Outcome((0.003, 0.002), (0.003, 0.002), (True, False), (False, True))
+    lost = Outcome((float("nan"), 0.0), still, (True, True), (True, True))
+    good = Outcome(still, still, (True, True), (True, True))
+    limits = ValidateParameters()
+    assert not lost.worse(good).held(limits) and not good.worse(lost).held(limits) and good.worse(good).held(limits)
+
+
+@pytest.mark.parametrize("dropped_by", ["sapien", "mujoco", ""])
+def test_a_grasp_passes_only_where_both_engines_hold_it(dropped_by: str, monkeypatch) -> None:
+    """One engine is given a hand that does not squeeze."""
+    q, squeeze, held = clamped_block()
+    limits = ValidateParameters(gravity_directions=["-x"], early_rejection=True)
+    make = holding.make_world
+
+    def make_some_weak(physics: PhysicsParameters, gravity: np.ndarray) -> World:
+        weak = {"hand_torque_limit": 1e-3} if physics.engine == dropped_by else {}
+        return make(physics.model_copy(update=weak), gravity)
+
+    monkeypatch.setattr(holding, "make_world", make_some_weak)
+    result = hold_in_gravities(settings("both"), limits, [held], q, squeeze, HAND)
+    assert result.failed_direction == ("-x" if dropped_by else "")
+    assert result.in_contact.tolist() == [[not dropped_by]]
+
+
+def test_a_world_is_of_one_engine() -> None:
+    with pytest.raises(UserError, match="set physics.engine to sapien or mujoco"):
+        make_world(settings("both"))

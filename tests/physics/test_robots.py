@@ -9,9 +9,8 @@ from pipeline.hand.robot import robot_file, robot_joint_names
 from pipeline.physics.engine import pressing_links, steps_in
 from pipeline.physics.world import make_world
 from pipeline.records.hands import known_hands
-from pipeline.records.parameters.physics import PhysicsParameters
+from tests.physics.engines import in_both, settings
 
-SETTINGS = PhysicsParameters()
 HAND = load_hand("allegro")
 ARM_REST = np.array([0, 0, 0, -np.pi / 2, 0, np.pi / 2, 0])
 
@@ -25,14 +24,15 @@ def random_pose(rng: np.random.Generator) -> np.ndarray:
     return T
 
 
+@in_both
 @pytest.mark.parametrize("name", known_hands())
-def test_hand_forward_kinematics_agree_with_the_hand_model(name: str) -> None:
+def test_hand_forward_kinematics_agree_with_the_hand_model(name: str, engine: str) -> None:
     hand = load_hand(name)
     rng = np.random.default_rng(3)
     for _ in range(3):
         q = rng.uniform(hand.lower, hand.upper)
         T_world_hand = random_pose(rng)
-        robot = make_world(SETTINGS).add_hand(hand, T_world_hand, q)
+        robot = make_world(settings(engine)).add_hand(hand, T_world_hand, q)
         assert robot.joint_names == hand.joint_names
         np.testing.assert_allclose(robot.q, q, atol=1e-6)
         expected = T_world_hand @ link_poses(hand, q[None])[0]
@@ -40,10 +40,11 @@ def test_hand_forward_kinematics_agree_with_the_hand_model(name: str) -> None:
             np.testing.assert_allclose(robot.link_pose(link), expected[index], atol=1e-6)
 
 
-def test_arm_and_hand_follow_the_mount_and_the_joint_names() -> None:
+@in_both
+def test_arm_and_hand_follow_the_mount_and_the_joint_names(engine: str) -> None:
     rng = np.random.default_rng(4)
     q = np.concatenate([ARM_REST + rng.uniform(-0.3, 0.3, 7), rng.uniform(HAND.lower, HAND.upper)])
-    robot = make_world(SETTINGS).add_arm(HAND, q)
+    robot = make_world(settings(engine)).add_arm(HAND, q)
     assert robot.joint_names == robot_joint_names(HAND)
     expected = robot.link_pose("panda_link7") @ HAND.mount.T_link7_hand
     np.testing.assert_allclose(robot.link_pose("base_link"), expected, atol=1e-6)
@@ -52,27 +53,29 @@ def test_arm_and_hand_follow_the_mount_and_the_joint_names() -> None:
         np.testing.assert_allclose(robot.link_pose(name), expected[index], atol=2e-6)
 
 
+@in_both
 @pytest.mark.parametrize("arm", [False, True])
-def test_drives_reach_targets_without_gravity_error(arm: bool) -> None:
+def test_drives_reach_targets_without_gravity_error(arm: bool, engine: str) -> None:
     middle = (HAND.lower + HAND.upper) / 2
     start = np.concatenate([ARM_REST, middle]) if arm else middle
     target = start + 0.1
-    world = make_world(SETTINGS)
+    world = make_world(settings(engine))
     robot = world.add_arm(HAND, start) if arm else world.add_hand(HAND, np.eye(4), start)
     robot.set_targets(target)
     world.step(steps_in(2.0, world.frequency))
     np.testing.assert_allclose(robot.q, target, atol=2e-3)
 
 
-def test_a_blocked_joint_presses_with_the_torque_limit() -> None:
+@in_both
+def test_a_blocked_joint_presses_with_the_torque_limit(engine: str) -> None:
     # index finger straight, tip against a fixed box: force x lever arm of joint_1.0 = hand_torque_limit
     q = np.clip(np.zeros(16), HAND.lower, HAND.upper)
     poses = link_poses(HAND, q[None])[0]
     tip = poses[HAND.link("link_3.0_tip")][:3, 3]
     box = np.eye(4)
     box[:3, 3] = tip + [0.012 + 0.0205, 0, 0.02]  # its lower edge beside the tip's centre
-    settings = PhysicsParameters(tip_static_friction=0, tip_dynamic_friction=0, support_friction=0)
-    world = make_world(settings, np.zeros(3))
+    physics = settings(engine, tip_static_friction=0, tip_dynamic_friction=0, support_friction=0)
+    world = make_world(physics, np.zeros(3))
     robot = world.add_hand(HAND, np.eye(4), q)
     support = world.add_box([0.02, 0.02, 0.02], box, "wall")
     target = q.copy()
@@ -80,15 +83,16 @@ def test_a_blocked_joint_presses_with_the_torque_limit() -> None:
     robot.set_targets(target)
     world.step(steps_in(1.0, world.frequency))
     lever = tip[2] - poses[HAND.link("link_1.0")][2, 3]
-    force = support.link_impulses()["link_3.0_tip"] * SETTINGS.frequency
+    force = support.link_impulses()["link_3.0_tip"] * physics.frequency
     assert pressing_links(support, 0.01) == {"link_3.0_tip"}
-    assert force[0] == pytest.approx(SETTINGS.hand_torque_limit / lever, rel=0.02)
+    assert force[0] == pytest.approx(physics.hand_torque_limit / lever, rel=0.02)
 
 
-def test_a_test_repeats_bit_for_bit(cube) -> None:  # type: ignore[no-untyped-def]
+@in_both
+def test_a_test_repeats_bit_for_bit(cube, engine: str) -> None:  # type: ignore[no-untyped-def]
     def run() -> bytes:
         q = (HAND.lower + HAND.upper) / 2
-        world = make_world(SETTINGS)
+        world = make_world(settings(engine))
         robot = world.add_hand(HAND, np.eye(4), q)
         T = np.eye(4)
         T[:3, 3] = 0.06, 0.0, 0.06
