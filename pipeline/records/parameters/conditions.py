@@ -185,12 +185,15 @@ def overridden(standard: Overridden, values: dict[str, Any]) -> Overridden:
 def under(
     condition: Condition, engine: str, evaluate: EvaluateParameters, physics: PhysicsParameters
 ) -> tuple[EvaluateParameters, PhysicsParameters]:
-    """Return `evaluate` and `physics` under a condition in an engine; what is drawn is not in them.
+    """Return `evaluate` and `physics` under a condition in an engine.
+
+    What is drawn is not in them; where friction is, all materials have the same, which any engine can take.
 
     Raises:
         ValueError: see :func:`overridden`.
     """
+    drawn = friction_of_all_contacts(physics.object_friction) if condition.drawn else {}
     return (
         overridden(evaluate, condition.evaluate),
-        overridden(physics, {**condition.changes, "engine": engine}),
+        overridden(physics, {**drawn, **condition.changes, "engine": engine}),
     )
