@@ -124,6 +124,15 @@ class World(Protocol):
         ...
 
 
+def torsional_friction(friction: float, patch_radius: float) -> float:
+    """Return the torque, m, that a Hertz contact bears about its normal, per newton that presses it.
+
+    The pressure over a disc of radius a is ``3 N / (2 pi a^2) sqrt(1 - r^2 / a^2)``; friction times it, times r,
+    integrates to ``3 pi / 16 friction N a``.
+    """
+    return 3 * np.pi / 16 * friction * patch_radius
+
+
 def steps_in(seconds: float, frequency: int) -> int:
     """Return the number of physics steps in a time, at least 1."""
     return max(1, round(seconds * frequency))

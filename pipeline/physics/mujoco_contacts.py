@@ -14,8 +14,7 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
-import numpy as np
-
+from pipeline.physics.engine import torsional_friction
 from pipeline.records.parameters.physics import PhysicsParameters
 
 TIME_CONSTANT = 0.004  # s; MuJoCo is stable from two time steps on, 0.002 s
@@ -31,15 +30,6 @@ class Surface:
     friction: float
     patch_radius: float  # m, of the contact patch that gives it torsional friction; 0 without
     fixed: bool  # no force moves it
-
-
-def torsional_friction(friction: float, patch_radius: float) -> float:
-    """Return the torque, m, that a Hertz contact bears about its normal, per newton that presses it.
-
-    The pressure over a disc of radius a is ``3 N / (2 pi a^2) sqrt(1 - r^2 / a^2)``; friction times it, times r,
-    integrates to ``3 pi / 16 friction N a``.
-    """
-    return 3 * np.pi / 16 * friction * patch_radius
 
 
 def add_pairs(

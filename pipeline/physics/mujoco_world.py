@@ -69,7 +69,7 @@ class MujocoWorld:
                 carrier.arrive()
 
     def squeeze(self, robot: Robot, q: ArrayLike) -> None:
-        """Move the targets to ``q`` (n,), rad, in ``squeeze_seconds``, without gravity and with strongly damped objects."""
+        """Move the targets to ``q`` (n,), rad, in ``squeeze_seconds``, without gravity, the objects strongly damped."""
         begin, end = robot.q, np.asarray(q, np.float64)
         steps = steps_in(self.settings.mujoco.squeeze_seconds, self.frequency)
         with self._calm():

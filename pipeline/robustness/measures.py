@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.physics.engine import torsional_friction
 from pipeline.physics.holding import HeldGrasp
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.robustness import RobustnessParameters
@@ -39,7 +40,7 @@ def margin_columns(
 
     Each as if the hand held nothing else: grips share no joint.
     """
-    limits = JointLimits(physics.hand_torque_limit, settings.torsion_radius)
+    limits = JointLimits(physics.hand_torque_limit, torsional_friction(1.0, physics.tip_patch_radius))
     found = [
         margins(grip_contacts(grip, grasp.q, grasp.hand), grip.held.prepared.mass, settings.friction, limits)
         for grip in grasp.grips

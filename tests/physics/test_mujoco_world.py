@@ -11,9 +11,9 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from pipeline.hand.model import Hand, load_hand
-from pipeline.physics.engine import GRAVITY, steps_in
+from pipeline.physics.engine import GRAVITY, steps_in, torsional_friction
 from pipeline.physics.holding import hold_in_gravities
-from pipeline.physics.mujoco_contacts import TIME_CONSTANT, torsional_friction
+from pipeline.physics.mujoco_contacts import TIME_CONSTANT
 from pipeline.physics.mujoco_world import CALM_SECONDS, MujocoWorld
 from pipeline.physics.sapien_world import cpu_world
 from pipeline.records.hands import known_hands

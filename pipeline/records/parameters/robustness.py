@@ -17,13 +17,6 @@ class RobustnessParameters(Section):
     friction: float = Field(
         0.5, gt=0, le=5, description="Friction coefficient of every contact for the margins of weight and pushes."
     )
-    torsion_radius: float = Field(
-        0.003,
-        ge=0,
-        le=0.1,
-        description="[m] Moment about its normal that a contact bears in the margins, by friction coefficient and "
-        "normal force: 3 pi / 16 of the radius of a round patch (Hertz), here 5 mm.",
-    )
     single_grasps: bool = Field(
         False, description="Also measure single grasps in physics, not only merged ones; margins are always computed."
     )
