@@ -103,8 +103,8 @@ def accepted_grasps(
 def preference(passed: pd.DataFrame, least_room: float) -> NDArray[np.int64]:
     """Return the order (n,) in which accepted grasps of a merged table are preferred, from what was known of them.
 
-    Those with enough room come first: of them, and of the others, those that survive most of the drawn conditions, then
-    those that hold at the lowest friction, then those with the most room. What was not measured counts as worst.
+    Those with enough room come first: of them, and of the others, those that hold at the lowest friction, then those
+    that survive most of the drawn conditions, then those with the most room. What was not measured counts as worst.
 
     Args:
         least_room: what is enough, m. Room is the smaller of both clearances, of the objects from each other and from
@@ -113,7 +113,7 @@ def preference(passed: pd.DataFrame, least_room: float) -> NDArray[np.int64]:
     room = passed[["object_clearance", "hand_clearance"]].min(axis=1).to_numpy(np.float64)
     survived = passed["robustness"].astype(np.float64).fillna(0.0).to_numpy()
     friction = passed["lowest_friction"].astype(np.float64).fillna(np.inf).to_numpy()
-    return np.lexsort((-room, friction, -survived, room < least_room))
+    return np.lexsort((-room, -survived, friction, room < least_room))
 
 
 def grasp_orders(count: int, trials: int, attempts: int, rng: np.random.Generator) -> list[NDArray[np.int64]]:

@@ -27,8 +27,8 @@ class Condition:
     shoves: Vectors  # (n, 3) N, hand frame
 
 
-def draw_conditions(ranges: RobustnessParameters, objects: int, run_seed: int, *names: str) -> tuple[Condition, ...]:
-    """Return ``ranges.conditions`` independent conditions for some number of objects.
+def draw_conditions(settings: RobustnessParameters, objects: int, run_seed: int, *names: str) -> tuple[Condition, ...]:
+    """Return ``settings.conditions`` independent conditions for some number of objects.
 
     Every quantity has a generator of its own, so that a longer list begins like a shorter one and another range
     stretches its quantity and leaves the others.
@@ -37,7 +37,7 @@ def draw_conditions(ranges: RobustnessParameters, objects: int, run_seed: int, *
         run_seed: the ``seed`` of ``params.yaml``.
         names: of the objects, in the order of picking.
     """
-    count = ranges.conditions
+    count, ranges = settings.conditions, settings.distribution
 
     def rng(quantity: str) -> np.random.Generator:
         return item_generator(run_seed, "robustness", quantity, *names)
@@ -55,10 +55,10 @@ def draw_conditions(ranges: RobustnessParameters, objects: int, run_seed: int, *
         """Of uniform length in a uniform direction, (count, objects, 3)."""
         return most * rng(quantity).uniform(size=(count, objects, 1)) * directions(quantity)
 
-    frictions = rng("friction").uniform(*ranges.friction_range, count)
-    torques = rng("torque").uniform(*ranges.torque_range, count)
+    frictions = rng("friction").uniform(*ranges.friction, count)
+    torques = rng("torque").uniform(*ranges.torque_limit, count)
     gravities = directions("gravity")[:, 0]
-    lightest, heaviest = (float(np.log(factor)) for factor in ranges.mass_range)
+    lightest, heaviest = (float(np.log(factor)) for factor in ranges.mass_factor)
     masses = np.exp(rng("mass").uniform(lightest, heaviest, (count, objects)))
     centres = in_ball("centre", ranges.centre_offset)
     positions = in_ball("position", ranges.position_error)

@@ -48,7 +48,13 @@ def survived(
     allow. Motion counts from when the hand has closed: an object that was displaced is not expected to come back.
     """
     open_q = opened(grasp, settings.opening)
-    return [_survives(grasp, open_q, condition, physics, limits, settings) for condition in conditions]
+    return [
+        all(
+            _survives(grasp, open_q, condition, physics.in_engine(engine), limits, settings)
+            for engine in physics.engines
+        )
+        for condition in conditions
+    ]
 
 
 def _survives(
@@ -168,7 +174,7 @@ def _endure(world: World, bodies: Sequence[Body], shoves: NDArray[np.float64], s
 
     if not hold(half):
         return False
-    for _ in range(steps_in(settings.shove_seconds, world.frequency)):
+    for _ in range(steps_in(settings.distribution.shove_seconds, world.frequency)):
         for body, shove in zip(bodies, shoves, strict=True):
             body.push(shove)
         world.step()

@@ -130,7 +130,7 @@ def test_conditions_are_the_same_for_the_same_objects_and_lie_in_their_ranges():
     gravity = np.array([one.gravity for one in drawn])
     np.testing.assert_allclose(np.linalg.norm(gravity, axis=1), 1.0)
     np.testing.assert_allclose(gravity.mean(0), 0.0, atol=0.04)
-    assert np.linalg.norm([one.rotation_errors for one in drawn], axis=2).max() <= SETTINGS.rotation_error
+    assert np.linalg.norm([one.rotation_errors for one in drawn], axis=2).max() <= SETTINGS.distribution.rotation_error
 
 
 @pytest.mark.parametrize("least", [0.95, 0.9, 0.65, 0.5, 0.41, 0.3, 0.1])

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any, Literal, TypeVar
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from pipeline.records.errors import first_mistake
+from pipeline.records.parameters.distribution import DisturbedGrasp
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters, friction_of_all_contacts
 from pipeline.records.parameters.section import Section
@@ -14,35 +15,12 @@ from pipeline.records.series import TrialSeries
 from pipeline.records.sources import SOURCES
 
 Overridden = TypeVar("Overridden", EvaluateParameters, PhysicsParameters)
-Interval = tuple[float, float]
 Engine = Literal["sapien", "mujoco"]
 
 
-class DistributionParameters(Section):
+class DistributionParameters(DisturbedGrasp):
     """What a trial draws from its seed where a condition says so; every object has its own draw."""
 
-    friction: Interval = Field((0.3, 0.9), description="Friction coefficient of every two touching bodies.")
-    mass_factor: Interval = Field(
-        (0.5, 2.0), description="Mass by the prepared mass, drawn with uniform logarithm; inertia scales with it."
-    )
-    centre_offset: float = Field(
-        0.01, ge=0, le=0.05, description="[m] Maximum distance of the centre of mass from the prepared one."
-    )
-    position_error: float = Field(
-        0.01,
-        ge=0,
-        le=0.1,
-        description="[m] Maximum horizontal distance of an object from where the robot believes it to be. The height "
-        "of what it stands on is known.",
-    )
-    rotation_error: float = Field(
-        0.17453,
-        ge=0,
-        le=1.6,
-        description="[rad] Maximum angle, about any axis, between how an object is turned and how the robot believes "
-        "it to be.",
-    )
-    torque_limit: Interval = Field((0.35, 0.7), description="[N m] Torque limit of the hand's joints.")
     joint_error: float = Field(
         0.005,
         ge=0,
@@ -51,22 +29,6 @@ class DistributionParameters(Section):
         "know the measured angles only.",
     )
     latency: int = Field(3, ge=0, le=50, description="Maximum number of control periods by which targets arrive late.")
-    shove_force: float = Field(
-        1.0,
-        ge=0,
-        le=100,
-        description="[N] Maximum force, in any direction, on each object in the hand, half-way to every further object "
-        "and half-way through the hold.",
-    )
-    shove_seconds: float = Field(0.1, gt=0, le=2, description="[s] Duration of a shove.")
-
-    @field_validator("friction", "mass_factor", "torque_limit")
-    @classmethod
-    def _is_positive_and_rising(cls, interval: Interval) -> Interval:
-        low, high = interval
-        if not 0 < low <= high:
-            raise ValueError(f"[{low:g}, {high:g}] must be positive and rise; write the smaller value first")
-        return interval
 
 
 class Condition(Section):
