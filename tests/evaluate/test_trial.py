@@ -12,6 +12,7 @@ from pipeline.evaluate.grasps import SequenceGrasp, accepted_grasps, grasp_order
 from pipeline.evaluate.scene import build_scene, placed, placement_offsets
 from pipeline.evaluate.trial import run_trial, trial_inputs
 from pipeline.physics.sapien_bodies import SapienBody
+from pipeline.records.errors import UserError
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.poses import inverse_pose, pose_matrix
@@ -112,6 +113,18 @@ def test_unreachable_grasp_is_refused_before_anything_moves(trial_input, grasp, 
     row = run_trial(trial_input(grasps=(changed(grasp, number, T_hand_object=FAR),) * 2))
     assert (row["reason"], row["phase"], row["planning_attempts"]) == (reason, "settle", 2)
     assert row["merged_id"] == -1 and abs(row["heights"][0]) < 1e-3
+
+
+def test_mujoco_carries_out_the_same_trial(trial_input) -> None:
+    inputs = trial_input(physics=PhysicsParameters(engine="mujoco", tip_static_friction=1.0))
+    row = run_trial(inputs)
+    assert row["success"] and row["phase"] == "hold"
+    np.testing.assert_allclose(row["heights"], run_trial(trial_input())["heights"], atol=0.02)
+
+
+def test_a_trial_in_both_engines_is_refused(trial_input) -> None:
+    with pytest.raises(UserError, match="a trial runs in one engine"):
+        run_trial(trial_input(physics=PhysicsParameters(engine="both", tip_static_friction=1.0)))
 
 
 def test_next_grasp_is_tried_when_the_first_cannot_be_planned(trial_input, grasp) -> None:
