@@ -156,6 +156,7 @@ def test_a_trial_under_a_distribution_is_replayed_to_the_bit(project: Path, caps
 
 
 def test_one_changed_bit_is_another_outcome(project: Path, capsys) -> None:
+    DRAWN_TABLE.unlink()
     rows = read_table(TABLE, TRIALS, "evaluate")
     rows.at[1, "heights"] = np.nextafter(rows.at[1, "heights"], 1.0)
     rows.loc[1, "reason"] = "second slip"
@@ -188,13 +189,14 @@ def alter(change: str, grasp_row: dict) -> None:
     elif change == "trials":
         change_parameters(evaluate={"trials": 1})
     elif change == "pair":
-        change_parameters(styles={"side": ["soup_can"]})
+        change_parameters(styles={"side": ["soup_can"]}, conditions={"pairs": [], "settings": {}})
     elif change == "grasps":
         write_grasps(grasp_row, merged_id=5)
     elif change == "no grasps":
         paths.merged_file("cube").unlink()
     elif change == "no table":
         TABLE.unlink()
+        DRAWN_TABLE.unlink()
 
 
 @pytest.mark.parametrize(
@@ -255,7 +257,7 @@ def test_wrong_options_are_refused(empty_folder: Path, arguments: list[str]) -> 
 
 def test_trials_are_drawn_from_all_tables(project: Path) -> None:
     known = known_trials()
-    assert known == [trial_name(f"{NAME[:-1]}{number}") for number in (0, 1)]
+    assert known == [trial_name(name) for name in (f"{NAME[:-1]}0", NAME, DRAWN)]
     many = [TrialName("learned", ("cube", "plum"), number) for number in range(100)]
     drawn = drawn_trials(many, 20, draw=0)
     assert len(set(drawn)) == 20 and set(drawn) <= set(many)
