@@ -1,4 +1,4 @@
-"""What a new check and a new source of grasps take, in a copy of the project: no room is forgotten."""
+"""What a new check, a new source of grasps and a new stage take, in a copy of the project: no room is forgotten."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 
-# By file: a text that stands there once, and the lines that come before it.
+# By file: a text that stands there once, and the lines that come before it; all of a new file comes before nothing.
 NEW_CHECK = {
     "pipeline/validate/checks.py": (
         "holds_in_gravities, is_reached,",
@@ -114,7 +114,7 @@ for column in ("approach_direction0", "approach_direction1"):
 write_pairs(Path("data/guess/cube.parquet"), grasps, PAIR_GRASPS)
 
 parameters, hand = read_parameters(), load_hand("allegro")
-assert len(trial_grasps("guessed", ("cube", "soup_can"), {"picks": parameters.picks}, hand)) == 4
+assert len(trial_grasps("guessed", ("cube", "soup_can"), {"picks": parameters.picks, "evaluate": parameters.evaluate}, hand)) == 4
 assert series_of("guessed-mu_0_5-sapien").source == "guessed"
 assert trial_name("guessed/cube/soup_can/3") == TrialName("guessed", ("cube", "soup_can"), 3)
 assert "`guessed` (guessed)" in GRASP_COLUMNS["source"]
@@ -131,16 +131,86 @@ assert SOURCE_TITLES["guessed"] == "guesses" and STANDARD["guessed"] == "GG"
 assert set(stage.parameters) == set(sections("guessed")) and "data/guess" in stage.dependencies
 """
 
+NEW_STAGE = {
+    "pipeline/weigh/__init__.py": ("", '"""Stage weigh: what the objects weigh."""\n'),
+    "pipeline/weigh/__main__.py": (
+        "",
+        '''"""Write the mass of every object: ``data/weigh/masses.json``."""
 
-@pytest.mark.parametrize(("additions", "script", "most"), [(NEW_CHECK, CHECKED, 3), (NEW_SOURCE, KNOWN, 2)])
+import sys
+from pathlib import Path
+
+from pipeline.records.objects import load_prepared_object
+from pipeline.records.parameters import load_parameters
+from pipeline.records.writing import write_json
+from pipeline.stages.running import run_stage
+
+
+def sections() -> list[str]:
+    """Return the sections of ``params.yaml`` that the stage depends on."""
+    return ["objects"]
+
+
+def weigh() -> None:
+    """Weigh all objects."""
+    names = load_parameters(sections())["objects"]
+    write_json(Path("data/weigh/masses.json"), {name: load_prepared_object(name).mass for name in names})
+
+
+if __name__ == "__main__":
+    sys.exit(run_stage("weigh", weigh))
+''',
+    ),
+    "dvc.yaml": (
+        "  synthesize:\n",
+        """  weigh:
+    desc: What the objects weigh
+    cmd: python -m pipeline.weigh
+    deps: [data/items/prepare.json]
+    params:
+      - code.yaml:
+          - weigh
+          - settings.objects
+    outs: [data/weigh]
+
+""",
+    ),
+}
+WEIGHED = """
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+from pipeline.provenance.lines import code_lines
+from pipeline.records.parameters import read_parameters
+from tests.pipeline.declared import declared_stages
+
+(stage,) = (stage for stage in declared_stages(Path()) if stage.name == "weigh")
+assert stage.parameters == ("objects",) and stage.outputs == ("data/weigh",)
+before = code_lines(Path())
+own = Path("pipeline/weigh/__main__.py")
+own.write_text(own.read_text().replace('.mass for', '.mass * 1000 for'))
+after = code_lines(Path())
+assert {name for name in before if before[name] != after[name]} == {"weigh"}
+refused = subprocess.run([sys.executable, "-m", "pipeline.weigh"], capture_output=True, text=True)
+assert refused.returncode == 2 and len(refused.stderr.splitlines()) == 1  # nothing is prepared here
+assert not Path("data/weigh").exists()
+"""
+
+
+@pytest.mark.parametrize(
+    ("additions", "script", "most"), [(NEW_CHECK, CHECKED, 3), (NEW_SOURCE, KNOWN, 2), (NEW_STAGE, WEIGHED, 4)]
+)
 def test_an_addition_takes_few_places(tmp_path: Path, additions, script: str, most: int) -> None:
     assert len(additions) <= most
     shutil.copytree(ROOT / "pipeline", tmp_path / "pipeline", ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "dvc.yaml", tmp_path)
-    for name in ("hands", "tests", "tools", "params.yaml"):
+    for name in ("hands", "tests", "tools", "params.yaml", "constraints.txt"):
         (tmp_path / name).symlink_to(ROOT / name)
     for name, (*texts,) in additions.items():
-        content = (tmp_path / name).read_text()
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        content = (tmp_path / name).read_text() if (tmp_path / name).exists() else ""
         for place, lines in zip(texts[::2], texts[1::2], strict=True):
             assert content.count(place) == 1, (name, place)
             content = content.replace(place, lines + place)
