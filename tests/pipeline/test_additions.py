@@ -114,7 +114,8 @@ for column in ("approach_direction0", "approach_direction1"):
 write_pairs(Path("data/guess/cube.parquet"), grasps, PAIR_GRASPS)
 
 parameters, hand = read_parameters(), load_hand("allegro")
-assert len(trial_grasps("guessed", ("cube", "soup_can"), {"picks": parameters.picks, "evaluate": parameters.evaluate}, hand)) == 4
+settings = {"picks": parameters.picks, "evaluate": parameters.evaluate}
+assert len(trial_grasps("guessed", ("cube", "soup_can"), settings, hand)) == 4
 assert series_of("guessed-mu_0_5-sapien").source == "guessed"
 assert trial_name("guessed/cube/soup_can/3") == TrialName("guessed", ("cube", "soup_can"), 3)
 assert "`guessed` (guessed)" in GRASP_COLUMNS["source"]
