@@ -183,7 +183,7 @@ def kept(file: Path, wanted: dict[tuple[Any, ...], Callable[[], dict[str, Any]]]
     for begin in range(0, len(missing), AT_ONCE):
         rows = fan_out(_call, missing[begin : begin + AT_ONCE], read_parameters().compute.workers, file.stem)
         known = pd.concat([known, pd.DataFrame(rows)], ignore_index=True) if len(known) else pd.DataFrame(rows)
-        known.to_csv(file, index=False)
+        known.to_csv(file, index=False, na_rep="nan")
     chosen = [key in wanted for key in known[names].itertuples(index=False, name=None)]
     return known[np.array(chosen, dtype=bool)]
 
