@@ -29,6 +29,7 @@ def threads(_: int) -> list[int]:
 
 
 def test_what_is_shared_is_sent_once_and_by_no_file(monkeypatch):
+    connection("", 2)  # the cluster itself needs a temporary folder
     monkeypatch.setattr("tempfile.mkdtemp", lambda **_: 1 / 0)
     with Shared(np.arange(1000.0)) as shared:
         for _ in range(2):
@@ -49,7 +50,7 @@ def test_workers_drop_what_is_no_longer_shared():
     with Shared(np.arange(1000.0)) as shared:
         fan_out(partial(total, shared), list(range(8)), DASK, "totals")
         assert len(kept_by_workers(client) - begin) == 1
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + 120
     while kept_by_workers(client) - begin and time.monotonic() < deadline:
         time.sleep(0.05)
     assert not kept_by_workers(client) - begin

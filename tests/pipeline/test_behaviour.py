@@ -228,7 +228,7 @@ def test_a_killed_stage_goes_on_at_the_trial_it_was_at_and_ends_with_the_same_by
             stdin=subprocess.DEVNULL,
             start_new_session=True,
         )
-    done, deadline = workspace / "data/.unfinished/evaluate@synthesized", time.monotonic() + 120
+    done, deadline = workspace / "data/.unfinished/evaluate@synthesized", time.monotonic() + 600
     while process.poll() is None and time.monotonic() < deadline and not list(done.glob("*.pickle")):
         time.sleep(0.05)
     assert process.poll() is None, (tmp_path / "log").read_text()
