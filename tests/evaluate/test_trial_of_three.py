@@ -51,7 +51,7 @@ def inputs() -> TrialInput:
     grasp = grasp_from_row(row, HAND, groups_of(HAND, PICKS))
     inputs = trial_inputs("synthesized", HAND, PICKS, shapes, [grasp], SETTINGS, PhysicsParameters(), 1)[0]
     # Placement errors with which this one grasp holds; with others an object may slip.
-    return replace(inputs, seed=item_seed(1, "several", "cube", "puck", "tin", 0))
+    return replace(inputs, seed=item_seed(1, "several", "cube", "puck", "tin", 1))
 
 
 @pytest.fixture(scope="module")

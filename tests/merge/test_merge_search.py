@@ -102,7 +102,7 @@ def merged(workers: int, **settings) -> pd.DataFrame:
 
 def test_settling_is_a_test_with_a_floating_hand() -> None:
     physics = PhysicsParameters(sapien=SapienParameters(contact_offset=0.03))
-    validate = ValidateParameters(sapien_contact_offset=0.004)
+    validate = ValidateParameters(sapien_contact_offset=0.004, friction=None)
 
     def task(physics_test: bool):
         merge = MergeParameters(physics_test=physics_test)

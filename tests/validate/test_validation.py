@@ -87,7 +87,8 @@ def test_good_grasp_passes_everything() -> None:
     assert columns["contact_only_pass"] is True
     assert len(columns["gravity_drift"]) == 6 and max(columns["gravity_drift"]) < 0.02
     assert columns["table_approach_push"] < 0.005 and columns["table_drift"] < 0.02
-    assert 0.005 < columns["settling_drift"] < 0.015  # the contacts press by 1 cm, and only one side can give way
+    # Both contacts press by 5 mm, and only one side can give way.
+    assert 0.0025 < columns["settling_drift"] < 0.0075
     assert np.linalg.norm(columns["approach_direction"]) == pytest.approx(1)
 
 
@@ -108,7 +109,7 @@ def test_a_friction_of_the_tests_is_that_of_every_contact() -> None:
     own = ValidateParameters(friction=0.45).for_floating_hand(SETTINGS)
     frictions = {name for name in PhysicsParameters.model_fields if name.endswith("friction")}
     assert {getattr(own, name) for name in frictions} == {0.45} and len(frictions) == 5
-    materials = ValidateParameters().for_floating_hand(SETTINGS)
+    materials = ValidateParameters(friction=None).for_floating_hand(SETTINGS)
     assert all(getattr(materials, name) == getattr(SETTINGS, name) for name in frictions)
 
 
