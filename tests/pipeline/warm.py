@@ -25,8 +25,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 LARGE = (
-    *("pipeline", "numpy", "pandas", "pyarrow.parquet", "scipy.spatial", "torch", "warp", "trimesh", "sapien", "coal", "mujoco"),
-    *("pinocchio", "pydantic", "pycolmap", "mlflow", "dvc.cli.parser", "dvc.repo", "dvc.commands.repro"),
+    *("pipeline", "numpy", "pandas", "pyarrow.parquet", "scipy.spatial", "torch", "warp", "trimesh", "sapien", "coal"),
+    *("mujoco", "pinocchio", "pydantic", "pycolmap", "mlflow", "dvc.cli.parser", "dvc.repo", "dvc.commands.repro"),
 )
 OWN = ("pipeline", "tools", "tests", "hydra_plugins", "seqgrasp")
 STAND_IN = """#!{real} -SE
