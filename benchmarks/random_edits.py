@@ -41,8 +41,8 @@ NUMBER = re.compile(r"^([A-Z][A-Z_]+ = )(\d+\.\d+)(?=$|  #)", re.MULTILINE)
 ROOMS = ("energy", "evaluate", "hand", "merge", "motion", "pairing", "physics", "prepare", "synthesize", "validate")
 MOST_OBJECTS = 2  # in one style, so that an edit costs about a minute
 PARAMETERS: dict[str, list[Any]] = {
-    "synthesize.pinch.chains": [56, 64, 72],
-    "synthesize.side.chains": [184, 192, 200],
+    "synthesize.pinch.chains": [20, 24, 28],
+    "synthesize.side.chains": [44, 48, 52],
     "synthesize.pinch.table_clearance": [0.004, 0.005, 0.006],
     "synthesize.side.keep_out_margin": [0.002, 0.003, 0.004],
     "validate.most_candidates": [12, 14, 16],
