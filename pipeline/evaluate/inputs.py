@@ -9,7 +9,6 @@ from pipeline.evaluate.grasps import SequenceGrasp, accepted_grasps
 from pipeline.evaluate.reconstructed import in_true_frames, true_from_reconstructed
 from pipeline.evaluate.trial import TrialInput, draws, trial_inputs
 from pipeline.hand.model import Hand
-from pipeline.pairing.task import groups_of
 from pipeline.records import paths
 from pipeline.records.digests import digest, prepared_digest
 from pipeline.records.kept import kept_object, kept_table
@@ -48,6 +47,8 @@ def grasps_of(source: str, objects: Sequence[str], parameters: dict[str, Any], h
     Raises:
         UserError: their table is missing or damaged.
     """
+    from pipeline.pairing.task import groups_of
+
     rows = rows_of(kept_table(SOURCES[source].table(objects[0]), MERGED, SOURCES[source].stage), objects)
     grasps = accepted_grasps(rows, hand, groups_of(hand, parameters["picks"]), parameters["evaluate"].least_room)
     if source != paths.RECONSTRUCTED:

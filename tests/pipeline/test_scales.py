@@ -88,10 +88,10 @@ def test_the_official_preset_has_the_released_settings_on_any_scale(project, sca
     assert (official["scale"], official["preset"]) == (scale, "official")
     changed = {name for name in flatten(ours) if flatten(official).get(name) != flatten(ours)[name]}
     assert {name.split(".")[0] for name in changed} == {"synthesize", "validate", "preset"}
-    # Of the validation its cost, not its verdict.
-    costs = {"sapien_contact_offset": 0.02, "early_rejection": False}
-    assert {name for name in changed if name.startswith("validate.")} == {f"validate.{name}" for name in costs}
-    assert costs.items() <= official["validate"].items()
+    # Of the validation its cost, the paper's frictions, and the squeeze with which the pinches were compared.
+    tests = {"sapien_contact_offset": 0.02, "early_rejection": False, "friction": None, "pinch_squeeze": 0.01}
+    assert {name for name in changed if name.startswith("validate.")} == {f"validate.{name}" for name in tests}
+    assert tests.items() <= official["validate"].items()
     chains = official["synthesize"]["optimizer"]
     released = {"step": 0.005, "step_period": 50, "switch_probability": 0.5, "temperature": 18.0, "noise": 0.0}
     released |= {"temperature_period": 30, "momentum": 0.02, "polish_iterations": 0}
