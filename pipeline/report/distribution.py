@@ -15,7 +15,7 @@ from pipeline.report.charts import CATEGORY_COLOURS, Table
 from pipeline.report.rates import ratio, wilson_interval
 from pipeline.report.wording import UNKNOWN, interval, percent
 
-PARTS = ("low", "middle", "high")
+PARTS = ("low", "medium", "high")
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Effect:
     """How success depends on one drawn quantity."""
 
     quantity: str  # with its unit
-    parts: Sequence[Part | None]  # low, middle and high tercile; None where equal values leave it empty
+    parts: Sequence[Part | None]  # low, medium and high tercile; None where equal values leave it empty
     separation: float  # probability that a failed trial drew a larger value than a successful one; nan without either
 
 

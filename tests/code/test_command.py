@@ -17,7 +17,7 @@ STAGES = """
 stages:
   code: {cmd: python -m pipeline.code}
   capture: {cmd: python -m pipeline.capture, params: [seed, renderings, {code.yaml: [capture]}]}
-  harder: {cmd: python -m pipeline.evaluate.harder, params: [harder, {code.yaml: [harder]}]}
+  conditions: {cmd: python -m pipeline.evaluate.conditions, params: [conditions, {code.yaml: [conditions]}]}
 """
 
 
@@ -35,7 +35,7 @@ def test_the_file_has_a_line_for_every_command_and_the_same_bytes_again(working_
     assert run_module("pipeline.code", folder=working_copy).returncode == 0
     before = paths.CODE_FILE.read_bytes()
     lines = yaml.safe_load(before)
-    assert sorted(lines) == list(lines) == ["capture", "harder", "settings"]
+    assert sorted(lines) == list(lines) == ["capture", "conditions", "settings"]
     settings = lines.pop("settings")
     assert all(isinstance(line, str) for line in lines.values())
     sections = set(yaml.safe_load((working_copy / "params.yaml").read_text()))
@@ -61,7 +61,7 @@ def test_a_stage_with_other_code_than_recorded_is_refused(working_copy, run_modu
     trial.write_text(trial.read_text() + "\nLIMIT = 1\n")
     own_fingerprint("capture")
     with pytest.raises(UserError, match="dvc repro --force code"):
-        own_fingerprint("harder")
+        own_fingerprint("conditions")
     sensor.write_text(sensor.read_text() + "\n# a remark\n")
     own_fingerprint("capture")
     sensor.write_text(sensor.read_text() + "\nLIMIT = 1\n")
