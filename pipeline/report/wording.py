@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from urllib.parse import quote
 
 from pipeline.records.series import series_of
@@ -24,8 +25,8 @@ def interval(low: float, high: float, digits: int) -> str:
 
 
 def spoken(name: str) -> str:
-    """Return a name of a file or of a column in words."""
-    return name.replace("_", " ")
+    """Return a name of a file, a column or a condition in words: ``mu_0_5`` is mu 0.5."""
+    return re.sub(r"(?<=\d)_(?=\d)", ".", name).replace("_", " ")
 
 
 def pair_title(first: str, second: str) -> str:

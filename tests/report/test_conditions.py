@@ -21,7 +21,7 @@ from pipeline.report.conditions import (
 )
 from pipeline.report.distribution import drawn_quantities, effect, effects
 from pipeline.report.meanings import TRIALS
-from pipeline.report.wording import percent, trials_key
+from pipeline.report.wording import percent, spoken, trials_key
 from tests.report import made_up
 
 RANGES = DistributionParameters()
@@ -122,3 +122,7 @@ def test_the_section_draws_what_a_distribution_does():
     one = replace(made_up.tried("cube", ["can"]), rows=rows)
     html = conditions_section(Conditions([one], made_up.CHANGES), "20 cm, 2 s", 0.7)
     assert html.count("<circle") == 3 * len(drawn_quantities(rows))
+
+
+def test_a_condition_is_named_by_its_number():
+    assert [spoken(name) for name in ("mu_0_5", "medicine_bottle_1")] == ["mu 0.5", "medicine bottle 1"]
