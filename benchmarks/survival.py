@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import pandas as pd  # noqa: E402
 import yaml  # noqa: E402
-from scipy.stats import rankdata  # noqa: E402
+from scipy.stats import mannwhitneyu  # noqa: E402
 
 from pipeline.compute.fan_out import Workers  # noqa: E402
 from pipeline.hand.model import Hand, load_hand  # noqa: E402
@@ -54,11 +54,9 @@ def changed(parameters: Parameters, changes: dict[str, Any]) -> Parameters:
 
 def predicts(term: pd.Series, held: pd.Series) -> float:
     """Return the chance that a grasp that held has a lower term than one that did not; nan without both kinds."""
-    ranks, good = rankdata(term), held.to_numpy(bool)
+    good = held.to_numpy(bool)
     pairs = good.sum() * (~good).sum()
-    if not pairs:
-        return float("nan")
-    return float((ranks[~good].sum() - (~good).sum() * ((~good).sum() + 1) / 2) / pairs)
+    return float(mannwhitneyu(term[~good], term[good]).statistic / pairs) if pairs else float("nan")
 
 
 def survivors(parameters: Parameters, style: str, name: str, hand: Hand, most: int) -> tuple[pd.DataFrame, list[float]]:
