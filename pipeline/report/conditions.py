@@ -94,14 +94,16 @@ def load_conditions(parameters: Parameters) -> Conditions:
     own = [(first, second) for first, second in conditions.pairs]
     photographed = [(first, second) for first, item in parameters.reconstructed.items() for second in item.side]
     found = []
+    of_source: dict[str, pd.DataFrame] = {}
     for series in conditions.series(bool(parameters.reconstructed)):
         pairs = own if SOURCES[series.source].of_all_pairs else photographed
-        firsts = dict.fromkeys(first for first, _ in pairs)
-        standard = pd.concat([read_flat(*trials_of(series.source, first)) for first in firsts])
-        standard = standard[standard["trial"] < conditions.trials]
+        if series.source not in of_source:
+            firsts = dict.fromkeys(first for first, _ in pairs)
+            standard = pd.concat([read_flat(*trials_of(series.source, first)) for first in firsts])
+            of_source[series.source] = standard[standard["trial"] < conditions.trials]
         same = conditions.is_standard(series, evaluate, physics)
-        rows = standard if same else read_flat(series.table, PAIR_TRIALS, STAGE)
-        found.append(compared(series, rows, standard, pairs, same))
+        rows = of_source[series.source] if same else read_flat(series.table, PAIR_TRIALS, STAGE)
+        found.append(compared(series, rows, of_source[series.source], pairs, same))
     changes = [
         change
         for name, condition in conditions.settings.items()
