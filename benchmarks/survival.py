@@ -26,7 +26,6 @@ import pandas as pd  # noqa: E402
 import yaml  # noqa: E402
 from scipy.stats import mannwhitneyu  # noqa: E402
 
-from pipeline.compute.fan_out import Workers  # noqa: E402
 from pipeline.hand.model import Hand, load_hand  # noqa: E402
 from pipeline.hand.support import PLANE  # noqa: E402
 from pipeline.records.energy_terms import COLUMNS  # noqa: E402
@@ -73,12 +72,12 @@ def survivors(parameters: Parameters, style: str, name: str, hand: Hand, most: i
             settings=getattr(parameters.synthesize, style),
             hand=hand,
         ),
-        Workers(1),
+        1,
     )
     synthesized = time.process_time()
     passed = rows[rows.rejected_by == ""].head(most).reset_index(drop=True)
     verdicts = [
-        check_candidate(prepared, candidate_of(row, PLANE, hand), parameters.physics, parameters.validate)
+        check_candidate(prepared, candidate_of(row, PLANE, hand), parameters.physics, parameters.validate_)
         for row in passed.to_dict("records")
     ]
     seconds = [synthesized - begin, time.process_time() - synthesized]

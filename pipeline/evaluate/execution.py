@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.evaluate.disturbance import Disturbance, believed_pose
+from pipeline.evaluate.disturbance import TrialDisturbance, believed_pose
 from pipeline.evaluate.scene import START_ARM, START_HAND, Scene
 from pipeline.evaluate.sequence import Phase, Posture
 from pipeline.records.ordinals import ORDINALS
@@ -48,7 +48,7 @@ class Run:
     pushes: NDArray[np.float64] = field(init=False)  # (n,) m, of objects before their fingers close
     under_way: str = ""  # phase being carried out
     watch: Callable[[Run], None] | None = None  # called after every control period; looks on and changes nothing
-    disturbance: Disturbance | None = None
+    disturbance: TrialDisturbance | None = None
     _late: deque[tuple[Any, Any]] = field(default_factory=deque)  # targets and their velocities on their way
 
     def __post_init__(self) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipeline.evaluate.disturbance import Disturbance
+from pipeline.evaluate.disturbance import TrialDisturbance
 from pipeline.hand.model import Hand
 from pipeline.physics.world import make_world
 from pipeline.records.objects import PreparedObject
@@ -136,7 +136,7 @@ def build_scene(
     poses: Sequence[NDArray[np.float64]],
     others: Sequence[tuple[PreparedObject, NDArray[np.float64]]] = (),
     posts: Sequence[Post] = (),
-    disturbance: Disturbance | None = None,
+    disturbance: TrialDisturbance | None = None,
 ) -> Scene:
     """Build the physics of one sequence, robot in its start posture; nothing has moved yet.
 
@@ -165,7 +165,11 @@ def build_scene(
 
 
 def _off_centre(
-    world: World, prepared: PreparedObject, T_world_object: NDArray[np.float64], index: int, disturbance: Disturbance
+    world: World,
+    prepared: PreparedObject,
+    T_world_object: NDArray[np.float64],
+    index: int,
+    disturbance: TrialDisturbance,
 ) -> OffCentre:
     """Add an object with the mass and the centre of mass that were drawn."""
     centre = disturbance.centre_offsets[index]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.compute.shared import Shared
-from pipeline.evaluate.disturbance import Disturbance, draw, undrawn
+from pipeline.evaluate.disturbance import TrialDisturbance, draw, undrawn
 from pipeline.evaluate.execution import Ended, Run
 from pipeline.evaluate.grasps import SequenceGrasp, grasp_orders
 from pipeline.evaluate.moves import SPONGE_DROP, Pick, plan_pick
@@ -125,7 +125,7 @@ def carry_out(
     return grasp, attempts, reason
 
 
-def disturbance_of(inputs: TrialInput) -> Disturbance | None:
+def disturbance_of(inputs: TrialInput) -> TrialDisturbance | None:
     """Return what a trial draws besides the placement of its objects."""
     if inputs.distribution is None:
         return None

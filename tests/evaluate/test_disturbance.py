@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipeline.evaluate.disturbance import Disturbance, believed_pose, draw
+from pipeline.evaluate.disturbance import TrialDisturbance, believed_pose, draw
 from pipeline.evaluate.execution import Run
 from pipeline.evaluate.scene import START_ARM, START_HAND, build_scene, placed, placement_offsets
 from pipeline.evaluate.sequence import Phase, rest_phase
@@ -28,14 +28,14 @@ RANGES = DistributionParameters()
 JOINTS = len(START_ARM) + len(START_HAND)
 
 
-def draws(count: int, ranges: DistributionParameters = RANGES) -> list[Disturbance]:
+def draws(count: int, ranges: DistributionParameters = RANGES) -> list[TrialDisturbance]:
     return [draw(ranges, seed, 2, JOINTS) for seed in range(count)]
 
 
-def quiet(**changes: Any) -> Disturbance:
+def quiet(**changes: Any) -> TrialDisturbance:
     """A draw that changes nothing but what is named."""
     zeros = np.zeros((2, 3))
-    nothing = Disturbance(0.9, 0.7, 0, np.zeros(JOINTS), np.ones(2), zeros, zeros, zeros, zeros, 0.1)
+    nothing = TrialDisturbance(0.9, 0.7, np.ones(2), zeros, zeros, zeros, zeros, 0.1, 0, np.zeros(JOINTS))
     return replace(nothing, **changes)
 
 
@@ -107,7 +107,7 @@ def test_an_object_of_another_mass_and_centre_has_the_same_shape(objects) -> Non
     np.testing.assert_allclose(own.vertices + centre, cube.vertices)
 
 
-def scene_of(objects, drawn: Disturbance | None, above: float = 0.0) -> Run:
+def scene_of(objects, drawn: TrialDisturbance | None, above: float = 0.0) -> Run:
     """Objects at their places, or that far above them, m."""
     settings = EvaluateParameters(perturbation=0.0)
     poses = placed(PAIR, objects, settings, placement_offsets(2, settings, np.random.default_rng(0)))

@@ -26,7 +26,7 @@ from tests.validate.test_validation import block_grasp
 
 PHYSICS, LIMITS, SETTINGS = PhysicsParameters(), ValidateParameters(), RobustnessParameters()
 ZERO = np.zeros((1, 3))
-EASY = Condition(0.9, 0.7, np.array([0.0, 0.0, -1.0]), np.ones(1), ZERO, ZERO, ZERO, ZERO)
+EASY = Condition(0.9, 0.7, np.ones(1), ZERO, ZERO, ZERO, ZERO, np.array([0.0, 0.0, -1.0]))
 
 
 def block() -> tuple[GraspInHand, HeldGrasp]:
