@@ -77,7 +77,7 @@ class World(Protocol):
 
     @property
     def asleep(self) -> bool:
-        """Whether it is certain that no robot and no object will move again by itself; False where that is unknown."""
+        """Whether no robot and no object will move again by itself, but for creep that no test of holding notices."""
         ...
 
     def step(self, count: int = 1) -> None:

@@ -25,6 +25,12 @@ from pipeline.records.parameters.physics import PhysicsParameters
 # contact with time constant T it has at most overlap / (e T), so it comes to rest within the overlap once more.
 CALM_SECONDS = 0.01
 
+# Contacts creep, so that nothing ever stands still. What has been slower than this for so long moves less than half of
+# what a test of holding allows in the rest of it.
+REST_SPEED = 0.004  # m/s
+REST_TURN = 0.1  # rad/s, of objects and of a hand's joints
+REST_SECONDS = 0.4  # as PhysX waits
+
 
 class MujocoWorld:
     """A MuJoCo model and its state; see :class:`pipeline.physics.engine.World` for what it does.
@@ -40,6 +46,7 @@ class MujocoWorld:
         self.simulation = Simulation(settings, gravity)
         self._carriers: list[MujocoCarrier] = []
         self._link_names: dict[str, str] = {}  # by body
+        self._resting = 0  # steps
 
     @property
     def frequency(self) -> int:
@@ -48,12 +55,21 @@ class MujocoWorld:
 
     @property
     def asleep(self) -> bool:
-        """Unknown: contacts creep."""
-        return False
+        """Whether everything has been at rest for ``REST_SECONDS``, but for the creep of contacts."""
+        return self._resting >= steps_in(REST_SECONDS, self.frequency)
 
     def step(self, count: int = 1) -> None:
         """Advance by ``count`` steps."""
         self._advance(count, watched=True)
+        self._resting = self._resting + count if self._is_slow() else 0
+
+    def _is_slow(self) -> bool:
+        speeds = self.simulation.data.qvel
+        along = [speeds[body.velocities][:3] for body in self.objects]
+        return bool(
+            np.abs(speeds).max(initial=0.0) < REST_TURN
+            and all(np.linalg.norm(velocity) < REST_SPEED for velocity in along)
+        )
 
     def _advance(self, count: int, watched: bool) -> None:
         for robot in self.robots:

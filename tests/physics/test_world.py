@@ -78,3 +78,29 @@ def test_a_carrier_pushes_what_stands_in_its_way(cube: PreparedObject, engine: s
         world.step()
     # It starts with a jerk, from which a spring-like contact throws the cube a little ahead.
     assert 0.029 < body.pose[0, 3] < 0.03 * 1.2
+
+
+@in_both
+def test_a_world_falls_asleep_when_all_rests_and_a_push_wakes_it(cube: PreparedObject, engine: str) -> None:
+    world = make_world(settings(engine), DOWN)
+    world.add_box([0.2, 0.2, 0.01], at(z=-0.01), "support")
+    body = world.add_object(cube, at(z=0.031), "box")
+    for _ in range(4):  # 1 cm of free fall takes 9 steps
+        world.step()
+        assert not world.asleep
+    world.step(world.frequency)
+    assert world.asleep
+    body.push(np.array([2.0, 0.0, 0.0]))  # N; its weight is 0.36
+    world.step()
+    assert not world.asleep
+
+
+@in_both
+def test_what_slides_does_not_sleep(cube: PreparedObject, engine: str) -> None:
+    tilt = np.array([np.sin(0.32), 0.0, -np.cos(0.32)])  # tan(0.32) = 0.33
+    world = make_world(settings(engine, friction=0.3), GRAVITY * tilt)
+    world.add_box([0.9, 0.2, 0.01], at(z=-0.01), "support")
+    world.add_object(cube, at(x=-0.8, z=0.021), "box")
+    for _ in range(4):
+        world.step(world.frequency // 4)
+        assert not world.asleep
