@@ -14,7 +14,7 @@ from pipeline.energy import kernel
 from pipeline.energy.arrays import hand_arrays, object_arrays
 from pipeline.energy.keep_out import fingers_used
 from pipeline.hand.model import Hand
-from pipeline.records.energy_terms import WEIGHTS, Terms
+from pipeline.records.energy_terms import WEIGHTS, Terms, weights
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
 
@@ -56,15 +56,16 @@ class EnergyScene:
         self.joint_count = hand.joint_count
         self.hand = hand_arrays(hand, device, energy.hand_points, style.mount_clearance is not None, keep_out_for)
         self.scene = object_arrays(device, prepared, energy, style)
-        self.energy = energy
+        self.balance_forces = energy.balance_forces
+        self.term_weights = weights(energy, style)
 
     def weights(self) -> Any:
         """Return ``kernel.Weights``."""
-        weights = self.kernel.Weights()
-        for name in WEIGHTS.values():
-            setattr(weights, name, getattr(self.energy, f"weight_{name}"))
-        weights.balance_forces = int(self.energy.balance_forces)
-        return weights
+        found = self.kernel.Weights()
+        for name, weight in self.term_weights.items():
+            setattr(found, name, weight)
+        found.balance_forces = int(self.balance_forces)
+        return found
 
     def states(self, grasps: Grasps) -> Any:
         """Return ``kernel.States`` holding a batch; energies and gradients are still zero."""

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.records.parameters.synthesize import EnergyParameters
+from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
 
-WEIGHT = "weight"  # in a field's metadata: ``synthesize.energy.weight_<...>``
+WEIGHT = "weight"  # in a field's metadata: the name of its weight, see :func:`weights`
 
 
 @dataclass(frozen=True)
@@ -34,13 +35,13 @@ class Terms:
     # m, sum over points that the other object of a pair and its fingers need.
     keep_out: NDArray[np.float64] = field(metadata={WEIGHT: "penetration"})
 
-    def weighted(self, parameters: EnergyParameters) -> Terms:
+    def weighted(self, weights: Mapping[str, float]) -> Terms:
         """Return the same terms with the energy that their weights give; terms of one weight are summed first."""
         totals: dict[str, NDArray[np.float64]] = {}
         for name, weight in WEIGHTS.items():
             term = getattr(self, name)
             totals[weight] = totals[weight] + term if weight in totals else term
-        energy = sum(getattr(parameters, f"weight_{weight}") * total for weight, total in totals.items())
+        energy = sum(weights[weight] * total for weight, total in totals.items())
         return replace(self, energy=np.asarray(energy, np.float64))
 
     def columns(self) -> dict[str, NDArray[np.float64]]:
@@ -50,6 +51,12 @@ class Terms:
 
 WEIGHTS = {item.name: item.metadata[WEIGHT] for item in fields(Terms) if WEIGHT in item.metadata}  # in kernel order
 COLUMNS = {"energy": "energy"} | {name: f"energy_{name}" for name in WEIGHTS}
+
+
+def weights(energy: EnergyParameters, style: StyleParameters) -> dict[str, float]:
+    """Return the weights of the terms for grasps of one style, which has its own weight of the offset."""
+    common = {name: getattr(energy, f"weight_{name}") for name in WEIGHTS.values() if name != "offset"}
+    return common | {"offset": style.weight_offset}
 
 
 def index_of(term: str) -> int:

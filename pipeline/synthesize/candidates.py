@@ -100,7 +100,9 @@ def touching(hand: Hand, fingers: Sequence[str], contacts: NDArray[np.int64]) ->
 
 def block_rows(request: Request, block: Block, grasps: Grasps, terms: Terms) -> pd.DataFrame:
     """Return the table rows of a block, scored exactly."""
-    terms, points, normals = score_exactly(request.hand, request.prepared, request.energy, grasps, terms)
+    terms, points, normals = score_exactly(
+        request.hand, request.prepared, request.energy, request.settings, grasps, terms
+    )
     return pd.DataFrame(
         {
             "grasp_id": list(block.chains),

@@ -12,9 +12,9 @@ from pipeline.energy.arrays import torque_scale
 from pipeline.energy.contacts import contact_positions, contact_shares, force_closure
 from pipeline.energy.scene import Grasps
 from pipeline.hand.model import Hand
-from pipeline.records.energy_terms import Terms
+from pipeline.records.energy_terms import Terms, weights
 from pipeline.records.objects import PreparedObject
-from pipeline.records.parameters.synthesize import EnergyParameters
+from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
 from pipeline.records.synthesis_reasons import SynthesisReason
 from pipeline.shapes.rays import ray_scene
 
@@ -47,7 +47,12 @@ class ExactSurface:
 
 
 def score_exactly(
-    hand: Hand, prepared: PreparedObject, energy: EnergyParameters, grasps: Grasps, terms: Terms
+    hand: Hand,
+    prepared: PreparedObject,
+    energy: EnergyParameters,
+    style: StyleParameters,
+    grasps: Grasps,
+    terms: Terms,
 ) -> tuple[Terms, NDArray[np.float64], NDArray[np.float64]]:
     """Return terms with force closure, distance and energy taken from the mesh, contact points and normals (B, n, 3).
 
@@ -59,7 +64,7 @@ def score_exactly(
     shares = contact_shares(hand, grasps.contacts, energy.balance_forces)
     closure = force_closure(points, normals, shares, torque_scale(prepared.extents, energy.scale_torque))
     exact = replace(terms, force_closure=closure, distance=np.abs(distance.reshape(points.shape[:2])).sum(1))
-    return exact.weighted(energy), points, normals
+    return exact.weighted(weights(energy, style)), points, normals
 
 
 def first_failures(terms: Terms, energy: EnergyParameters) -> NDArray[np.str_]:

@@ -41,8 +41,9 @@ def test_slopes_of_the_objects_overlap_are_those_of_differences(pair):
     """Far from the hand only the overlap changes; all 12 degrees of freedom of the poses are moved one by one."""
     batch = grasps(4, [0.6, 0.0, 0.0], [0.63, 0.0, 0.0])
     contacts = pair.contacts(batch, np.random.default_rng(0))
-    bare = pair.settings.model_copy(update={"weight_distance": 0.0, "weight_force_closure": 0.0, "weight_offset": 0.0})
-    still = PairEnergy(pair.objects, bare, pair.styles, pair.clearance, HAND)
+    bare = pair.settings.model_copy(update={"weight_distance": 0.0, "weight_force_closure": 0.0})
+    first, second = (style.model_copy(update={"weight_offset": 0.0}) for style in pair.styles)
+    still = PairEnergy(pair.objects, bare, (first, second), pair.clearance, HAND)
     energy, gradient, _, overlap = still.evaluate(batch, contacts)
     assert (overlap > 0.001).all()
     step = 3e-5  # the kernel works in single precision

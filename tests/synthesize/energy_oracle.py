@@ -176,7 +176,7 @@ class EnergyOracle:
             "table": (table, energy.weight_penetration),
             "self_penetration": (collision, energy.weight_self_penetration),
             "joints": (excess, energy.weight_joints),
-            "offset": (offset, energy.weight_offset),
+            "offset": (offset, self.style.weight_offset),
             "keep_out": (keep_out, energy.weight_penetration),
         }
         total = torch.stack([weight * term for term, weight in weighted.values()]).sum()

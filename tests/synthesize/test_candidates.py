@@ -97,12 +97,12 @@ def test_the_official_preset_finds_grasps_too():
         step=0.005, switch_probability=0.5, noise=0.0, momentum=0.02, batch=12, shared_preconditioner=True,
         duplicate_contacts=True, keep_best=False, polish_iterations=0,
     )  # fmt: skip
-    energy = EnergyParameters(scale_torque=False, balance_forces=False, weight_offset=0.0)
+    energy = EnergyParameters(scale_torque=False, balance_forces=False)
     energy = energy.model_copy(update={"limit_self_penetration": None, "limit_joints": None})
     settings = SETS.model_copy(
         update={
             "chains": 24, "iterations": 2000, "free_contacts": True, "released_seeds": True,
-            "starts": 1, "finger_sets": [["thumb", "index"]], "contacts": {"thumb+index": 2}, "links": {},
+            "starts": 1, "weight_offset": 0.0, "finger_sets": [["thumb", "index"]], "contacts": {"thumb+index": 2}, "links": {},
         }
     )  # fmt: skip
     asked = Request(shapes.box(), "pinch", 3, energy, official, settings, HAND)

@@ -82,7 +82,7 @@ def test_every_chain_has_a_row_and_the_bytes_do_not_depend_on_workers(workplace,
         + weights["weight_penetration"] * (rows["energy_penetration"] + rows["energy_table"] + rows["energy_keep_out"])
         + weights["weight_self_penetration"] * rows["energy_self_penetration"]
         + weights["weight_joints"] * rows["energy_joints"]
-        + weights["weight_offset"] * rows["energy_offset"]
+        + settings["weight_offset"] * rows["energy_offset"]
     )
     np.testing.assert_allclose(rows["energy"], total, rtol=1e-9)
 

@@ -10,7 +10,7 @@ from pipeline.records.parameters.section import Section
 
 
 class EnergyParameters(Section):
-    """Weights of the energy's terms (E_fc, E_dis, E_pen + E_table, E_spen, E_joints, offset), and limits on them."""
+    """Weights of the energy's terms (E_fc, E_dis, E_pen + E_table, E_spen, E_joints), and limits on them."""
 
     weight_force_closure: float = Field(1.0, ge=0, description="Weight of the force-closure term E_fc. Paper: 1.")
     weight_distance: float = Field(
@@ -23,13 +23,6 @@ class EnergyParameters(Section):
         30.0, ge=0, description="[1/m] Weight of the self-penetration term E_spen. Paper: 30."
     )
     weight_joints: float = Field(1.0, ge=0, description="[1/rad] Weight of the joint-limit term E_joints. Paper: 1.")
-    weight_offset: float = Field(
-        300.0,
-        ge=0,
-        description="[1/m2] Weight of the squared distance from the object's centre of mass to the mean of the "
-        "contacts, weighted by their share of the force: gravity rotates an object that is gripped off-centre. "
-        "Paper: 0.",
-    )
     object_points: int = Field(
         2000, ge=100, le=4096, description="Points on the object's surface used for E_pen. Paper: 2000."
     )
@@ -173,6 +166,12 @@ class StyleParameters(Section):
         "polished and becomes the candidate. Paper: 1.",
     )
     iterations: int = Field(ge=1, le=100000, description="Iterations from each initial hand pose. Paper: 6000.")
+    weight_offset: float = Field(
+        ge=0,
+        description="[1/m2] Weight in the energy of the squared distance from the object's centre of mass to the mean "
+        "of the contacts, weighted by their share of the force: gravity rotates an object that is gripped off-centre. "
+        "Paper: 0.",
+    )
     table_clearance: float = Field(
         ge=0,
         le=0.1,
