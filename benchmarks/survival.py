@@ -91,9 +91,8 @@ def main(options: argparse.Namespace) -> None:
     if options.friction is not None:
         parameters = parameters.model_copy(update={"validate_": parameters.validate_.at_friction(options.friction)})
     hand = load_hand(parameters.hand)
-    print(
-        f"{'style':6} {'object':18} {'chains':>6} {'passed':>6} {'held':>6} {'share':>7} {'synthesis':>9} {'tests':>7} {'CPU s each':>10}"
-    )
+    counts = f"{'chains':>6} {'passed':>6} {'held':>6} {'share':>7}"
+    print(f"{'style':6} {'object':18} {counts} {'synthesis':>9} {'tests':>7} {'CPU s each':>10}")
     tables = []
     for style in ("pinch", "side"):
         for name in getattr(parameters.styles, style):
@@ -103,10 +102,9 @@ def main(options: argparse.Namespace) -> None:
             chains = getattr(parameters.synthesize, style).chains
             held, tested = int(table.held.sum()), len(table)
             each = f"{sum(seconds) / held:10.2f}" if held else f"{'-':>10}"
-            print(
-                f"{style:6} {name:18} {chains:6d} {tested:6d} {held:6d} {held / chains:7.1%} {seconds[0]:9.1f} {seconds[1]:7.1f} {each}",
-                flush=True,
-            )
+            counted = f"{chains:6d} {tested:6d} {held:6d} {held / chains:7.1%}"
+            spent = f"{seconds[0]:9.1f} {seconds[1]:7.1f}"
+            print(f"{style:6} {name:18} {counted} {spent} {each}", flush=True)
             tables.append(table)
     tested = pd.concat(tables, ignore_index=True)
     for style, rows in tested.groupby("style"):

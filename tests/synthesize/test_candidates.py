@@ -102,7 +102,8 @@ def test_the_official_preset_finds_grasps_too():
     settings = SETS.model_copy(
         update={
             "chains": 24, "iterations": 2000, "free_contacts": True, "released_seeds": True,
-            "starts": 1, "weight_offset": 0.0, "finger_sets": [["thumb", "index"]], "contacts": {"thumb+index": 2}, "links": {},
+            "starts": 1, "weight_offset": 0.0,
+            "finger_sets": [["thumb", "index"]], "contacts": {"thumb+index": 2}, "links": {},
         }
     )  # fmt: skip
     asked = Request(shapes.box(), "pinch", 3, energy, official, settings, HAND)
