@@ -19,11 +19,12 @@ pytestmark = pytest.mark.slow
 
 
 def quick_settings():
-    """As for the smallest scale: a quarter of the planes and a coarser octree do for small photos."""
+    """Fewer features and planes and a coarser octree do for small photos."""
     settings = read_parameters().reconstruct
+    sparse = settings.sparse.model_copy(update={"features": 512})
     sweep = settings.sweep.model_copy(update={"planes": 32})
     surface = settings.surface.model_copy(update={"poisson_depth": 6})
-    return settings.model_copy(update={"sweep": sweep, "surface": surface})
+    return settings.model_copy(update={"sparse": sparse, "sweep": sweep, "surface": surface})
 
 
 def figures(folder):
@@ -73,13 +74,13 @@ def test_pictures_for_the_report_are_small(capture_folder, plain):
 
 
 def test_splatting_from_the_same_start(capture_folder, plain):
-    """Fewer steps than by default, on the whole small photos."""
+    """Fewer steps than by default."""
     from pipeline.reconstruct.reconstruction import accuracies, true_surfaces
     from pipeline.reconstruct.splatting import splatted_objects
 
     _, result = plain
     scene, settings = read_capture(capture_folder).scene, quick_settings()
-    splat = settings.splat.model_copy(update={"iterations": 100, "image_scale": 1.0, "spacing": 0.0025})
+    splat = settings.splat.model_copy(update={"iterations": 60, "image_scale": 1.0, "spacing": 0.0025})
     settings = settings.model_copy(update={"splat": splat})
     found = splatted_objects(result.views, result.dense, {}, scene, settings, seed=1, workers=1)
     errors = accuracies(found, true_surfaces(read_truth(capture_folder)))
