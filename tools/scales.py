@@ -113,7 +113,10 @@ def switch(scale: str, force: bool, preset: str = DEFAULT_PRESET, hand: str = AL
     """
     own = _own_meshes_of_a_sound_file()
     if paths.PARAMETERS_FILE.exists() and not force:
-        present = read_parameters()
+        try:
+            present = read_parameters()
+        except UserError as error:
+            raise UserError(f"{str(error).removesuffix('.')}; or add --force to compose the file anew.") from error
         edited = differences(present.scale, present.preset, count_meshes=False, hand=present.hand)
         if edited:
             raise UserError(

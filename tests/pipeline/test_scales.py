@@ -167,6 +167,15 @@ def test_hand_edits_are_not_overwritten_without_force(project, capsys):
     assert yaml.safe_load((project / "params.yaml").read_text())["scale"] == "paper"
 
 
+def test_a_file_of_another_version_is_composed_anew_with_force(project, capsys):
+    text = (project / "params.yaml").read_text()
+    (project / "params.yaml").write_text(text.replace("weight_distance:", "weight_of_earlier_versions:"))
+    assert scales.main(["compose", "demo"]) == 2
+    assert "weight_of_earlier_versions" in (said := capsys.readouterr().err) and "--force" in said
+    assert scales.main(["compose", "demo", "--force"]) == 0
+    assert (project / "params.yaml").read_text() == text
+
+
 def test_switching_there_and_back_gives_the_same_bytes(project):
     before = (project / "params.yaml").read_bytes()
     scales.switch("paper", force=False)

@@ -1,7 +1,7 @@
 import pytest
 
 from pipeline.records.captures import read_capture
-from tests.reconstruct.made_up import rendered
+from tests.reconstruct.made_up import mapping, rendered
 
 
 @pytest.fixture(scope="session")
@@ -21,9 +21,8 @@ def photos(capture_folder):
 def sparse(photos):
     """The poses of the rendered capture, found once for all tests."""
     from pipeline.reconstruct.sparse import sparse_model
-    from pipeline.records.parameters import read_parameters
 
-    return sparse_model(photos, None, read_parameters().reconstruct.sparse, seed=1)
+    return sparse_model(photos, None, mapping(), seed=1)
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from pipeline.records.objects import PreparedObject
+from pipeline.records.parameters import read_parameters
 from pipeline.records.parameters.capture import RenderingParameters
+from pipeline.records.parameters.reconstruct import SparseParameters
 from tests.objects import prepared
 
 PLACES = {
@@ -28,6 +30,11 @@ def settings(**changes) -> RenderingParameters:
     """A quick capture: 16 views of 480 x 360 pixels."""
     base = {"objects": PLACES, "views": 16, "width": 480, "height": 360}
     return RenderingParameters.model_validate({**base, **changes})
+
+
+def mapping() -> SparseParameters:
+    """Settings of the mapping with as many features as small pictures need."""
+    return read_parameters().reconstruct.sparse.model_copy(update={"features": 1024})
 
 
 def rendered(folder: Path, seed: int = 1, **changes) -> Path:

@@ -8,6 +8,7 @@ from pipeline.records.captures import Intrinsics, read_capture, read_truth
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import read_parameters
 from pipeline.stages.seeds import item_generator
+from tests.reconstruct.made_up import mapping
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +57,7 @@ def test_all_photos_are_posed_and_the_cameras_are_where_they_were(sparse, locate
 def test_mapping_is_the_same_again(photos, sparse):
     from pipeline.reconstruct.sparse import sparse_model
 
-    again = sparse_model(photos, None, read_parameters().reconstruct.sparse, seed=1)
+    again = sparse_model(photos, None, mapping(), seed=1)
     for one, other in zip(sparse.views, again.views, strict=True):
         assert np.array_equal(one.T_camera_world, other.T_camera_world)
     assert np.array_equal(sparse.points, again.points)

@@ -13,7 +13,7 @@ from PIL import Image
 from pipeline.records.captures import read_capture, read_truth
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import read_parameters
-from tests.reconstruct.made_up import PLACES, rendered
+from tests.reconstruct.made_up import PLACES, mapping, rendered
 
 pytestmark = pytest.mark.slow
 
@@ -21,10 +21,9 @@ pytestmark = pytest.mark.slow
 def quick_settings():
     """Fewer features and planes and a coarser octree do for small photos."""
     settings = read_parameters().reconstruct
-    sparse = settings.sparse.model_copy(update={"features": 512})
     sweep = settings.sweep.model_copy(update={"planes": 32})
     surface = settings.surface.model_copy(update={"poisson_depth": 6})
-    return settings.model_copy(update={"sparse": sparse, "sweep": sweep, "surface": surface})
+    return settings.model_copy(update={"sparse": mapping(), "sweep": sweep, "surface": surface})
 
 
 def figures(folder):
