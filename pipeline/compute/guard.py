@@ -22,7 +22,7 @@ from pipeline.compute.guard_server import Call, Reply, receive, send
 
 Result = TypeVar("Result")
 
-WALL = 6.0  # times the processor seconds: what a call may take on a machine that does other things, too
+IDLE_SECONDS = 30.0  # at most, that a call may sleep
 
 
 class CallLost(Exception):
@@ -97,7 +97,9 @@ def guarded(function: Callable[..., Result], *arguments: Any, cpu_seconds: int, 
         CallLost: it ended its process, or took more than it may.
         Exception: whatever the function raised.
     """
-    call = Call(pickle.dumps(function), pickle.dumps(arguments), cpu_seconds, WALL * cpu_seconds, megabytes)
+    call = Call(
+        pickle.dumps(function), pickle.dumps(arguments), cpu_seconds, min(IDLE_SECONDS, 2.0 * cpu_seconds), megabytes
+    )
     reply = _SERVER.ask(call)
     if reply.ending == guard_server.FINISHED:
         result: Result = pickle.loads(reply.content)
@@ -106,6 +108,8 @@ def guarded(function: Callable[..., Result], *arguments: Any, cpu_seconds: int, 
         raise pickle.loads(reply.content)
     if reply.ending == guard_server.TIME:
         raise CallLost(f"not done after {cpu_seconds} seconds of processor time", reply.said)
+    if reply.ending == guard_server.STOPPED:
+        raise CallLost("came to a stop without an end", reply.said)
     if reply.ending == guard_server.MEMORY or "bad_alloc" in reply.said:
         raise CallLost(f"more than {megabytes} MB of memory needed", reply.said)
     known = {each.value: each.name for each in signal.Signals}

@@ -22,7 +22,8 @@ from typing import Any, BinaryIO
 _LENGTH = struct.Struct("<Q")
 _CHUNK = 1 << 20
 _SAID = 2000  # bytes of what a failed call printed last
-FINISHED, RAISED, TIME, MEMORY, SIGNAL = "finished", "raised", "time", "memory", "signal"
+_LOOK_SECONDS = 1.0  # between looks at a call's process
+FINISHED, RAISED, TIME, STOPPED, MEMORY, SIGNAL = "finished", "raised", "time", "stopped", "memory", "signal"
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Call:
     function: bytes
     arguments: bytes
     cpu_seconds: int
-    wall_seconds: float
+    idle_seconds: float  # without using the processor
     megabytes: int
 
 
@@ -95,15 +96,31 @@ def _compute(function: Callable[..., Any], call: Call, result: int) -> None:
         send(target, content)
 
 
-def _read_all(result: int, orders: BinaryIO, until: float) -> tuple[bytes, bool]:
-    """Return what a call wrote until it ended, and whether its time was up.
+class _Watch:
+    """Tells whether a process has come to a stop: asleep without using the processor, which a busy machine is not."""
+
+    def __init__(self, process: int) -> None:
+        self._process, self._since = process, time.monotonic()
+        self._ticks: list[str] = []
+
+    def idle_seconds(self) -> float:
+        """Return for how long it has been seen so."""
+        with open(f"/proc/{self._process}/stat") as file:
+            fields = file.read().rpartition(")")[2].split()
+        if fields[0] != "S" or fields[11:13] != self._ticks:
+            self._ticks, self._since = fields[11:13], time.monotonic()
+        return time.monotonic() - self._since
+
+
+def _read_all(result: int, orders: BinaryIO, watch: _Watch, idle_seconds: float) -> tuple[bytes, bool]:
+    """Return what a call wrote until it ended, and whether it has come to a stop instead.
 
     Raises:
         EOFError: whoever asked for the call has ended.
     """
     parts: list[bytes] = []
-    while (left := until - time.monotonic()) > 0:
-        ready, _, _ = select.select([result, orders], [], [], left)
+    while watch.idle_seconds() < idle_seconds:
+        ready, _, _ = select.select([result, orders], [], [], _LOOK_SECONDS)
         if orders in ready:
             raise EOFError  # nothing is sent while a call is under way: the pipe has been closed
         if ready:
@@ -135,17 +152,19 @@ def _answer(call: Call, orders: BinaryIO, log: BinaryIO) -> Reply:
             os._exit(0)
     os.close(own)
     try:
-        content, late = _read_all(result, orders, time.monotonic() + call.wall_seconds)
+        content, stopped = _read_all(result, orders, _Watch(process), call.idle_seconds)
     except EOFError:
         os.kill(process, signal.SIGKILL)
         raise
     finally:
         os.close(result)
-    if late:
+    if stopped:
         os.kill(process, signal.SIGKILL)
     _, status = os.waitpid(process, 0)
     killed_by = os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0
-    if late or killed_by == signal.SIGXCPU:
+    if stopped:
+        return Reply(STOPPED, said=_last_words(log))
+    if killed_by == signal.SIGXCPU:
         return Reply(TIME, said=_last_words(log))
     if killed_by or len(content) < _LENGTH.size:
         return Reply(SIGNAL, signal=killed_by, said=_last_words(log))

@@ -10,18 +10,21 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import MappingProxyType
 from typing import Any
 
 from pipeline.compute.fan_out import Workers
 from pipeline.compute.pool import Work, run_all
 from pipeline.records import paths
+from pipeline.records.errors import UserError
 from pipeline.records.writing import check_writable, whole_folder, write_json
 from pipeline.stages.earlier import EarlierRun, earlier_runs
+from pipeline.stages.failures import Failures
 from pipeline.stages.outputs import Output
 from pipeline.stages.unfinished import Unfinished, remove_finished
 
@@ -51,17 +54,40 @@ def all_wanted() -> bool:
     return os.environ.get(RECOMPUTE) == "1"
 
 
-def make_items(stage: Stage, fingerprints: Mapping[str, str], begin: Begin, workers: Workers) -> None:
+def fingerprints_of(keys: Iterable[str], fingerprint: Callable[[str], str]) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the fingerprints of items by key, and why those have none whose inputs are missing or damaged."""
+    found: dict[str, str] = {}
+    refused: dict[str, str] = {}
+    for key in keys:
+        try:
+            found[key] = fingerprint(key)
+        except UserError as error:
+            refused[key] = str(error)
+    return found, refused
+
+
+def make_items(
+    stage: Stage,
+    fingerprints: Mapping[str, str],
+    begin: Begin,
+    workers: Workers,
+    refused: Mapping[str, str] = MappingProxyType({}),
+) -> None:
     """Bring the output of a stage up to date.
+
+    An item that fails takes no other with it: all others are computed and written, the failures are a table beside the
+    index of items, and the stage ends with a sentence. As DVC saves nothing of such a run, the results of the finished
+    items are kept for the next one.
 
     Args:
         fingerprints: of all items of the output, by key, in the order in which the output holds them.
         begin: returns the work for some of them; the work calls ``keep`` for every item as it is finished. It starts in
             this order, so what takes longest comes first.
         workers: where the work runs.
+        refused: items that cannot be computed, with the reason of each.
 
     Raises:
-        UserError: an item cannot be computed, or the output cannot be written.
+        UserError: an item could not be computed, or the output cannot be written.
     """
     index, unfinished = paths.items_file(stage.name), Unfinished(stage.name)
     check_writable(stage.output.folder)
@@ -79,8 +105,11 @@ def make_items(stage: Stage, fingerprints: Mapping[str, str], begin: Begin, work
         flush=True,
     )
 
+    failures = Failures(stage.name, stage.nouns, refused)
+
     def keep(key: str, result: Any) -> None:
-        unfinished.keep(fingerprints[key], result)
+        with failures.of_the_stage():
+            unfinished.keep(fingerprints[key], result)
 
     def result(key: str) -> Any:
         if key not in earlier:
@@ -89,11 +118,21 @@ def make_items(stage: Stage, fingerprints: Mapping[str, str], begin: Begin, work
         return stage.output.read(key, names, lambda name: _present(run, name))
 
     if missing:
-        run_all(begin(missing, keep), workers, stage.name, lambda name, nothing: None)
+        run_all(begin(missing, keep), workers, stage.name, lambda name, nothing: None, failures.note)
+    lost = {key for key in missing if failures and fingerprints[key] not in unfinished}
+    if together := failures.without_row(lost):
+        # They were computed beside one that failed: each by itself now.
+        alone = [(key, begin([key], keep)[0][1]) for key in fingerprints if key in together]
+        run_all(alone, workers, stage.name, lambda name, nothing: None, failures.note)
+        lost = {key for key in lost if fingerprints[key] not in unfinished}
+    made = {key: fingerprint for key, fingerprint in fingerprints.items() if key not in lost}
     # Nothing is computed inside: an error in there is explained as one of writing.
     with whole_folder(stage.output.folder) as folder:
-        stage.output.write(folder, list(fingerprints), result)
-    write_json(index, dict(fingerprints))
+        stage.output.write(folder, list(made), result)
+    write_json(index, made)
+    failures.write()
+    if failures:
+        raise failures.sentence(len(lost) + len(refused), len(fingerprints) + len(refused))
     unfinished.finish(index)
 
 
@@ -127,10 +166,16 @@ def make_by_hand(stage: Stage, keys: Sequence[str], begin: Begin, workers: Worke
         return
     results: dict[str, Any] = {}
     check_writable(stage.output.folder / keys[0].split("/")[0])
-    run_all(begin(keys, results.__setitem__), workers, stage.name, lambda name, nothing: None)
+    failures = Failures(stage.name, stage.nouns)
+    run_all(begin(keys, results.__setitem__), workers, stage.name, lambda name, nothing: None, failures.note)
+    made = [key for key in keys if key in results]
+    if failures and not made:
+        raise failures.sentence(len(keys), len(keys))
     paths.items_file(stage.name).unlink(missing_ok=True)
     with TemporaryDirectory(dir=stage.output.folder, prefix=".by_hand.", suffix=f".{os.getpid()}.tmp") as folder:
-        stage.output.write(Path(folder), keys, results.__getitem__)
-        for made in sorted(Path(folder).iterdir()):
-            stage.output.place(made, stage.output.folder / made.name)
-    print(f"{stage.name}: wrote {', '.join(keys)}", file=sys.stderr)
+        stage.output.write(Path(folder), made, results.__getitem__)
+        for path in sorted(Path(folder).iterdir()):
+            stage.output.place(path, stage.output.folder / path.name)
+    print(f"{stage.name}: wrote {', '.join(made)}", file=sys.stderr)
+    if failures:
+        raise failures.sentence(len(keys) - len(made), len(keys))
