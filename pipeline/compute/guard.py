@@ -97,9 +97,8 @@ def guarded(function: Callable[..., Result], *arguments: Any, cpu_seconds: int, 
         CallLost: it ended its process, or took more than it may.
         Exception: whatever the function raised.
     """
-    call = Call(
-        pickle.dumps(function), pickle.dumps(arguments), cpu_seconds, min(IDLE_SECONDS, 2.0 * cpu_seconds), megabytes
-    )
+    idle_seconds = min(IDLE_SECONDS, 2.0 * cpu_seconds)
+    call = Call(pickle.dumps(function), pickle.dumps(arguments), cpu_seconds, idle_seconds, megabytes)
     reply = _SERVER.ask(call)
     if reply.ending == guard_server.FINISHED:
         result: Result = pickle.loads(reply.content)

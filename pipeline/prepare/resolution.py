@@ -1,4 +1,4 @@
-"""Whether the distance grid holds the solid that it was made of: narrow gaps, thin walls, surfaces through themselves."""
+"""Whether the distance grid holds the solid: narrow gaps, thin walls, a surface that passes through itself."""
 
 from __future__ import annotations
 

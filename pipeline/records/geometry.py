@@ -1,8 +1,8 @@
 """Meshes and point clouds from untrusted files: nothing but the file itself is read.
 
-A mesh file can name others (materials and pictures of obj, glb and ply). They are not looked for, except for the numbers
-of a ``.gltf``, in a plain file beside it: shape is all that is
-wanted, a picture can unpack to any size, and a name can lead to a device, a pipe or the network.
+A mesh file can name others (materials and pictures of obj, glb and ply). They are not looked for: shape is all that is
+wanted, a picture can unpack to any size, and a name can lead to a device, a pipe or the network. The one exception is a
+plain file beside a ``.gltf`` that holds its numbers.
 """
 
 from __future__ import annotations

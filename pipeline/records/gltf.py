@@ -1,7 +1,7 @@
 """glTF reduced to its shapes: a GLB of nothing but nodes, triangles and the bytes that they use.
 
-Materials, pictures, skins, animations and morph targets are left out before any reader sees them; what changes the shape
-and is not understood is refused by its name.
+Materials, pictures, skins, animations and morph targets are left out before any reader sees them; what changes the
+shape and is not understood is refused by its name.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The one shape in a file, whatever it is packed in: itself, a zip of one mesh, or a ``.gltf`` with its numbers beside it."""
+"""The one shape in a file, whatever it is packed in: a zip of one mesh, or a ``.gltf`` with its numbers beside it."""
 
 from __future__ import annotations
 

@@ -89,8 +89,8 @@ def enclosed_volume(grid: DistanceGrid) -> float:
 def volume_by_rays(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> float:
     """Return the volume (m3) of the points from which rays meet a surface an odd number of times.
 
-    It differs from :func:`pipeline.shapes.mass.solid_properties` where a surface passes through itself: there the latter
-    counts twice, and rays take for outside what is inside. Random points: exact to about 1 %.
+    It differs from :func:`~pipeline.shapes.mass.solid_properties` where a surface passes through itself: the latter
+    counts twice there, and rays take for outside what is inside. Random points: exact to about 1 %.
     """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     points = low + np.random.default_rng(0).random((RANDOM_POINTS, 3)) * (high - low)

@@ -89,7 +89,7 @@ def defect(error: Exception) -> str:
 
 
 def write_log(name: str, text: str) -> Path:
-    """Write what only a developer can read, and return where: in the project, or, if that fails, in the system's folder."""
+    """Write what a developer reads, and return where: in the project, or, if that fails, the system's folder."""
     plain = re.sub(r"[^A-Za-z0-9._-]+", "-", name)
     for folder in (paths.LOGS_FOLDER, Path(tempfile.gettempdir())):
         target = folder / f"{plain}.log"

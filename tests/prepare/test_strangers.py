@@ -1,6 +1,6 @@
-"""What strangers' meshes must not become in silence: the folders faults/mesh-open-vessel, mesh-tight-coil, mesh-native-abort.
+"""What strangers' meshes must not become in silence.
 
-Expected values are closed forms of shapes that the tests make themselves.
+The folders faults/mesh-open-vessel, faults/mesh-tight-coil and faults/mesh-native-abort. Expected values are closed forms of shapes that the tests make themselves.
 """
 
 import numpy as np

@@ -232,7 +232,8 @@ def threemf(unit="millimeter", before=""):
     faces = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in box().faces)
     model = (
         f'<?xml version="1.0"?>{before}<model unit="{unit}" '
-        'xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"><resources><object id="1" type="model"><mesh>'
+        'xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"><resources>'
+        '<object id="1" type="model"><mesh>'
         f"<vertices>{vertices}</vertices><triangles>{faces}</triangles></mesh></object></resources>"
         '<build><item objectid="1"/></build></model>'
     )

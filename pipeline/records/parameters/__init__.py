@@ -381,11 +381,7 @@ def require_allegro(parameters: Parameters, source: Path = paths.PARAMETERS_FILE
 
 
 def require_conditions(parameters: Parameters, source: Path = paths.PARAMETERS_FILE) -> None:
-    """Check that the conditions agree with what else the file says.
-
-    Raises:
-        UserError: they do not.
-    """
+    """Refuse conditions (:class:`UserError`) that do not agree with what else the file says."""
     try:
         parameters.check_conditions()
     except ValueError as error:

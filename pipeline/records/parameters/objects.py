@@ -80,8 +80,8 @@ class MeshParameters(_Shape):
     file: str = Field(description="Path of the mesh file, which must be below data/raw, such as data/raw/mug.stl.")
     unit: Literal["m", "cm", "mm", "inch"] | None = Field(
         None,
-        description="Length unit of the mesh file. If omitted, the file's own if it names one (3mf, dae), or guessed from "
-        "the object's size, with a warning.",
+        description="Length unit of the mesh file. If omitted, the file's own if it names one (3mf, dae), or guessed "
+        "from the object's size, with a warning.",
     )
     up: Literal["+x", "-x", "+y", "-y", "+z", "-z"] | None = Field(  # type: ignore[assignment]
         None,
