@@ -129,8 +129,8 @@ def check(change: Change, is_open: bool, name: str, whole: bool = True) -> None:
     if change.added_share > MOST_ADDED and is_open:
         raise UserError(
             f"{name}: {change.added_share:.0%} of the solid's surface is not in the file, whose surface is open and "
-            f"has no thickness there; set `wall: 0.002` for a vessel with a wall of 2 mm, or {accept} to have it filled "
-            f"({1e6 * change.volume:.1f} cm3)."
+            f"has no thickness there; set `wall: 0.002` for a vessel with a wall of 2 mm, or {accept} to have it "
+            f"filled ({1e6 * change.volume:.1f} cm3)."
         )
     if change.added_share > MOST_ADDED:
         raise UserError(
@@ -147,7 +147,7 @@ def check(change: Change, is_open: bool, name: str, whole: bool = True) -> None:
     if change.volume_in_file is not None and change.volume > (1 + MOST_FILLED) * change.volume_in_file:
         raise UserError(
             f"{name}: filling its cavities changes the volume from {1e6 * change.volume_in_file:.1f} to "
-            f"{1e6 * change.volume:.1f} cm3; set {accept} to take it as massive, with a `density` that gives its mass."
+            f"{1e6 * change.volume:.1f} cm3; set {accept} and a `density` that gives its mass."
         )
 
 

@@ -71,7 +71,7 @@ def shape_content(path: Path, where: str) -> Content:
     """
     try:
         return shape_in(path)
-    except (OSError, ValueError, TypeError, LookupError, AttributeError) as error:
+    except (OSError, ValueError) as error:
         raise _unreadable(path, where, error) from error
 
 

@@ -33,10 +33,13 @@ def shape_in(source: Path) -> Content:
         OSError: it cannot be read.
         ValueError: it is of no known kind, or a zip without exactly one mesh, or a file beside it is missing.
     """
-    kind = source.suffix.lower().lstrip(".")
-    if kind == "zip":
-        return _in_zip(source.read_bytes())
-    return _packed(source.read_bytes(), kind, source.name, lambda name: _file_beside(source, name))
+    kind, content = source.suffix.lower().lstrip("."), source.read_bytes()
+    try:
+        if kind == "zip":
+            return _in_zip(content)
+        return _packed(content, kind, source.name, lambda name: _file_beside(source, name))
+    except Exception as error:  # the readers raise whatever the damage happens to trigger
+        raise ValueError(" ".join(str(error).split())[:160] or type(error).__name__) from error
 
 
 def files_beside(source: Path) -> list[Path]:
@@ -45,7 +48,7 @@ def files_beside(source: Path) -> list[Path]:
         return []
     try:
         return [source.with_name(name) for name in names_beside(source.read_bytes())]
-    except (OSError, ValueError, AttributeError, TypeError):
+    except Exception:  # whatever damage triggers; reading the file says what is wrong with it
         return []
 
 

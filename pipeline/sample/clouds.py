@@ -38,7 +38,13 @@ def read_cloud(source: Path) -> NDArray[np.float64]:
         ValueError: it holds no points in a layout that is known.
     """
     content = source.read_bytes()
-    kind = source.suffix.lower()
+    try:
+        return _points_in(content, source.suffix.lower())
+    except Exception as error:  # the readers raise whatever the damage happens to trigger
+        raise ValueError(" ".join(str(error).split())[:160] or type(error).__name__) from error
+
+
+def _points_in(content: bytes, kind: str) -> NDArray[np.float64]:
     if kind == ".npy":
         return _as_points(np.load(io.BytesIO(content), allow_pickle=False))
     if kind == ".npz":

@@ -1,6 +1,7 @@
 """What strangers' meshes must not become in silence.
 
-The folders faults/mesh-open-vessel, faults/mesh-tight-coil and faults/mesh-native-abort. Expected values are closed forms of shapes that the tests make themselves.
+The folders faults/mesh-open-vessel, faults/mesh-tight-coil and faults/mesh-native-abort. Expected values are closed
+forms of shapes that the tests make themselves.
 """
 
 import numpy as np
