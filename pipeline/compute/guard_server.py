@@ -120,8 +120,8 @@ def _read_all(result: int, orders: BinaryIO, watch: _Watch, idle_seconds: float)
     """
     parts: list[bytes] = []
     while watch.idle_seconds() < idle_seconds:
-        ready, _, _ = select.select([result, orders], [], [], _LOOK_SECONDS)
-        if orders in ready:
+        ready, _, _ = select.select([result, orders.fileno()], [], [], _LOOK_SECONDS)
+        if orders.fileno() in ready:
             raise EOFError  # nothing is sent while a call is under way: the pipe has been closed
         if ready:
             part = os.read(result, _CHUNK)

@@ -87,5 +87,5 @@ def items_file(stage: str) -> Path:
 
 
 def failures_file(stage: str) -> Path:
-    """Items of a stage's last run that could not be computed, with their reasons; absent where there are none."""
+    """Items that a stage could not compute when its command last ran, with reasons; absent if there were none."""
     return items_file(stage).with_suffix(".failures.csv")

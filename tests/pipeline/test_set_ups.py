@@ -1,4 +1,4 @@
-"""Set-ups as they are: real DVC in clones that lie, and run, where the author's does not. docs/trust.md has the list."""
+"""Set-ups as they are: real DVC in clones at other places and under other environments; docs/trust.md has the list."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def clone(repository: Path, place: str, folder: Path) -> Path:
 
 
 def repro(project: Path, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run two stages; all paths that a project's place can break are in them: git, DVC, its cache, imports, writing."""
+    """Run the first stage through DVC: the place and the environment reach it through git, DVC, imports and writing."""
     (project / "code.yaml").unlink(missing_ok=True)
     done = subprocess.run(
         [sys.executable, "-m", "dvc", "repro", "code"],

@@ -150,6 +150,10 @@ def test_a_failing_new_item_leaves_those_of_the_last_run(project):
     assert project.repro(FAIL="c/1") == ["c/1"]
     del project.parameters["numbers"]["c"]
     assert project.repro() == []
+    # DVC restores the last run, without the command: the table is still that of the command's last run.
+    table = project.folder / "data/items/squares.failures.csv"
+    assert table.read_text().startswith("item,reason,log\nc/1,")
+    table.unlink()
     assert project.output() == project.from_nothing()
 
 
