@@ -69,7 +69,7 @@ def _as_points(array: NDArray[Any]) -> NDArray[np.float64]:
         array = array[0]
     if array.ndim == 3 and array.shape[2] in (3, 4, 6):  # an image of points
         array = array.reshape(-1, array.shape[2])
-    if array.ndim != 2 or 0 in array.shape:
+    if array.ndim != 2:
         raise ValueError(f"it has the shape {shape}; a cloud is n x 3, height x width x 3 or 3 x n")
     if array.shape[0] in (3, 4) and array.shape[1] > 6:
         array = array.T

@@ -37,12 +37,17 @@ def load_own_object(source: Path) -> tuple[PreparedObject, NDArray[np.float64], 
     if mesh is None:
         cloud = cleaned(points, str(source))
         points = cloud.points
-        if cloud.dropped:
+        if cloud.dropped and len(points) >= LEAST_POINTS:
             print(f"{source}: left out {' and '.join(cloud.dropped)}; {len(points)} points are used.", file=sys.stderr)
+        if len(points) < LEAST_POINTS:
+            without = f" without {' and '.join(cloud.dropped)}" if cloud.dropped else ""
+            raise UserError(
+                f"{source} holds {len(points)} points{without}; give at least {LEAST_POINTS}, all around the object."
+            )
     elif not np.isfinite(points).all():
         raise UserError(f"{source} holds coordinates that are not numbers (NaN or infinite); remove those points.")
-    if len(points) < (4 if mesh is not None else LEAST_POINTS):
-        raise UserError(f"{source} holds {len(points)} points; give at least {LEAST_POINTS}, all around the object.")
+    if len(points) < 4:
+        raise UserError(f"{source} holds {len(points)} corners; give a mesh all around the object.")
     longest = float(np.ptp(points, axis=0).max())
     if not SMALLEST <= longest <= LARGEST:
         raise UserError(

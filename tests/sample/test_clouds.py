@@ -105,7 +105,6 @@ def test_sparse_and_uneven_clouds_stay_whole(points, density):
         ("words.csv", b"x,y,z\n1,2,3\na,b,c\n", "line 3 holds no numbers"),
         ("cut.pcd", pcd(np.ones((100, 3)), "binary")[:-300], "announces 100 points and holds"),
         ("packed.pcd", pcd(np.ones((9, 3)), "binary").replace(b"DATA binary", b"DATA binary_compressed"), "ascii"),
-        ("empty.xyz", b"", "shape"),
     ],
 )
 def test_damaged_clouds_are_named_by_their_reason(tmp_path, name, content, sentence):

@@ -385,7 +385,7 @@ def require_conditions(parameters: Parameters, source: Path = paths.PARAMETERS_F
     try:
         parameters.check_conditions()
     except ValueError as error:
-        raise UserError(f"{source}: {str(error).removesuffix('.')}; correct it there.") from error
+        raise UserError(f"{source}: {str(error).removesuffix('.')}.") from error
 
 
 def _section(parameters: Parameters, name: str, source: Path) -> Any:
