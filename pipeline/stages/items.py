@@ -16,7 +16,7 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 from pipeline.compute.fan_out import Workers
 from pipeline.compute.pool import Work, run_all
@@ -27,6 +27,8 @@ from pipeline.stages.earlier import EarlierRun, earlier_runs
 from pipeline.stages.failures import Failures
 from pipeline.stages.outputs import Output
 from pipeline.stages.unfinished import Unfinished, remove_finished
+
+Fingerprint = TypeVar("Fingerprint")
 
 RECOMPUTE = "RECOMPUTE"  # environment variable: when it is 1, every item is computed
 
@@ -54,9 +56,14 @@ def all_wanted() -> bool:
     return os.environ.get(RECOMPUTE) == "1"
 
 
-def fingerprints_of(keys: Iterable[str], fingerprint: Callable[[str], str]) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the fingerprints of items by key, and why those have none whose inputs are missing or damaged."""
-    found: dict[str, str] = {}
+def fingerprints_of(
+    keys: Iterable[str], fingerprint: Callable[[str], Fingerprint]
+) -> tuple[dict[str, Fingerprint], dict[str, str]]:
+    """Return the fingerprints of items, or what they are made of, by key.
+
+    And why those have none whose inputs are missing or damaged.
+    """
+    found: dict[str, Fingerprint] = {}
     refused: dict[str, str] = {}
     for key in keys:
         try:
