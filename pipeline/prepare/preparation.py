@@ -143,14 +143,6 @@ def prepare_object(
     solid, vertices, faces = made.solid, made.vertices, made.solid.faces
     volume, _, inertia = mass.solid_properties(vertices, faces)
     parts, parts_lost, remark = convex_parts.convex_parts(vertices, faces, parameters)
-    parts_volume = _union_volume(parts)
-    hull_volume = mass.solid_properties(*convex_parts.convex_hull(vertices))[0]
-    # Said of those objects alone that it is true of: the others' files stay as they are.
-    remarks: dict[str, Any] = {}
-    if raw.guessed_unit:
-        remarks = {"guessed_unit": raw.guessed_unit, "longest_extent_in_file": raw.longest}
-    if made.changed.notable:
-        remarks["changes"] = made.changed.record()
     repairs = [*solid.repairs, *made.grid.remarks, *([remark] if remark else [])]
     return PreparedObject(
         name=name,
@@ -166,15 +158,15 @@ def prepare_object(
         inertia=inertia * shape.density,
         volume=volume,
         extents=np.ptp(vertices, axis=0),
-        provenance=remarks
+        provenance=_remarks(raw, made)
         | {
             "source": raw.source,
             "licence": raw.licence,
             "repairs": repairs,
             "raw_faces": len(raw.faces),
             "faces": len(faces),
-            "hull_volume": hull_volume,
-            "parts_volume": parts_volume,
+            "hull_volume": mass.solid_properties(*convex_parts.convex_hull(vertices))[0],
+            "parts_volume": _union_volume(parts),
             "parts_lost_depth": parts_lost,
             "density": shape.density,
             "stance_margin": made.standing.margin,
@@ -182,3 +174,13 @@ def prepare_object(
             "stable_poses": resting.stable_poses(vertices),
         },
     )
+
+
+def _remarks(raw: sources.RawMesh, made: _Shape) -> dict[str, Any]:
+    """Return what is recorded of those objects alone that it is true of."""
+    found: dict[str, Any] = {}
+    if raw.guessed_unit:
+        found = {"guessed_unit": raw.guessed_unit, "longest_extent_in_file": raw.longest}
+    if made.changed.notable:
+        found["changes"] = made.changed.record()
+    return found

@@ -18,6 +18,7 @@ from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from typing import Any, TypeVar
 
+from pipeline.compute.executor import Failed
 from pipeline.compute.fan_out import Workers
 from pipeline.compute.pool import Work, run_all
 from pipeline.records import paths
@@ -125,22 +126,50 @@ def make_items(
         return stage.output.read(key, names, lambda name: _present(run, name))
 
     if missing:
-        run_all(begin(missing, keep), workers, stage.name, lambda name, nothing: None, failures.note)
-    lost = {key for key in missing if failures and fingerprints[key] not in unfinished}
-    if together := failures.without_row(lost):
-        # They were computed beside one that failed: each by itself now.
-        alone = [(key, begin([key], keep)[0][1]) for key in fingerprints if key in together]
-        run_all(alone, workers, stage.name, lambda name, nothing: None, failures.note)
-        lost = {key for key in lost if fingerprints[key] not in unfinished}
+        _compute(stage, missing, begin, keep, workers, failures, lambda key: fingerprints[key] in unfinished)
+    lost = {key for key in missing if fingerprints[key] not in unfinished} if failures else set()
     made = {key: fingerprint for key, fingerprint in fingerprints.items() if key not in lost}
-    # Nothing is computed inside: an error in there is explained as one of writing.
-    with whole_folder(stage.output.folder) as folder:
-        stage.output.write(folder, list(made), result)
-    write_json(index, made)
+    if made or not failures:
+        # Nothing is computed inside: an error in there is explained as one of writing.
+        with whole_folder(stage.output.folder) as folder:
+            stage.output.write(folder, list(made), result)
+        write_json(index, made)
     failures.write()
     if failures:
         raise failures.sentence(len(lost) + len(refused), len(fingerprints) + len(refused))
     unfinished.finish(index)
+
+
+def _compute(
+    stage: Stage,
+    keys: Sequence[str],
+    begin: Begin,
+    keep: Keep,
+    workers: Workers,
+    failures: Failures,
+    is_made: Callable[[str], bool],
+) -> None:
+    """Compute items; what fails of several at once is tried again one by one."""
+
+    def run(works: Sequence[tuple[str, Callable[[], Work]]]) -> None:
+        run_all(works, workers, stage.name, lambda name, nothing: None, failures.note)
+
+    def alone(some: Iterable[str]) -> list[tuple[str, Callable[[], Work]]]:
+        found = []
+        for key in some:
+            try:
+                found += [(key, work) for _, work in begin([key], keep)]
+            except UserError as error:
+                failures.note(key, Failed(error, ""))
+        return found
+
+    try:
+        works = begin(keys, keep)
+    except UserError:  # an input of one of them
+        works = alone(keys)
+    run(works)
+    if failures and (together := failures.without_row({key for key in keys if not is_made(key)})):
+        run(alone(key for key in keys if key in together))
 
 
 def _kept(stage: Stage, fingerprints: Mapping[str, str], index: Path) -> dict[str, tuple[EarlierRun, list[str]]]:
