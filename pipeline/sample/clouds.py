@@ -82,7 +82,7 @@ def _as_points(array: NDArray[Any]) -> NDArray[np.float64]:
 
 def _text(content: bytes) -> NDArray[np.float64]:
     """Return the first three numbers of every line, separated by spaces, commas or semicolons."""
-    rows = []
+    rows: list[list[float]] = []
     for number, line in enumerate(content.decode("utf-8", errors="replace").splitlines()):
         words = line.split("#")[0].replace(",", " ").replace(";", " ").split()
         try:

@@ -155,7 +155,7 @@ def _compute(
         run_all(works, workers, stage.name, lambda name, nothing: None, failures.note)
 
     def alone(some: Iterable[str]) -> list[tuple[str, Callable[[], Work]]]:
-        found = []
+        found: list[tuple[str, Callable[[], Work]]] = []
         for key in some:
             try:
                 found += [(key, work) for _, work in begin([key], keep)]
