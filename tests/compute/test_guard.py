@@ -84,11 +84,13 @@ def test_the_end_of_the_process_is_said_and_the_next_call_works(function, argume
 
 
 def test_a_call_costs_milliseconds():
-    guarded(fill, 1, **SMALL)
-    begin = time.perf_counter()
+    """The fastest of some, as other work on the machine only adds to it."""
+    took = []
     for _ in range(20):
+        begin = time.perf_counter()
         guarded(fill, 1, **SMALL)
-    assert (time.perf_counter() - begin) / 20 < 0.2
+        took.append(time.perf_counter() - begin)
+    assert min(took) < 0.1
 
 
 def test_a_killed_caller_leaves_no_process_behind(tmp_path):
