@@ -5,6 +5,7 @@ forms of shapes that the tests make themselves.
 """
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -176,10 +177,12 @@ def test_gaps_below_the_grid_give_a_finer_grid_or_a_sentence():
     solid = arrays(comb(0.002))
     made = resolution.resolved(*solid, PrepareParameters(distance_cells=24))
     assert made.grid.values.shape[0] == 48 and "distance grid of 48 cells" in made.remarks[0]
-    narrow = resolution.resolved(*arrays(comb(0.0008)), PrepareParameters(distance_cells=16))
-    assert not narrow.passes_through_itself and narrow.difference > resolution.MOST
-    with pytest.raises(UserError, match="its gaps are narrower than .* raise `prepare.distance_cells`"):
-        resolution.check(narrow, "comb")
+    narrow = resolution.resolved(*arrays(comb(0.0008)), PrepareParameters(distance_cells=24))
+    assert not narrow.passes_through_itself and narrow.difference > resolution.FINE
+    assert re.search(r"as 24 hold 10\d% of the volume; 48 still hold 1\d\d%$", narrow.remarks[0])
+    for difference, what in ((0.2, "gaps"), (-0.2, "walls")):
+        with pytest.raises(UserError, match=f"its {what} are narrower than .* raise `prepare.distance_cells`"):
+            resolution.check(replace(narrow, difference=difference), "comb")
 
 
 @pytest.fixture

@@ -46,12 +46,12 @@ def meshes() -> dict[str, bytes]:
     found["cloud.npy"] = _npy(np.asarray(box.vertices))
     found["cloud.pcd"] = pcd(np.repeat(np.asarray(box.vertices), 9, axis=0), "ascii")
     found["box.3mf"], found["box.dae"] = threemf(), collada()
-    header, binary = split(found["box.glb"])
+    header, binary = split(found["glb"])
     inline = "data:application/octet-stream;base64," + base64.b64encode(binary).decode()
     found["box.gltf"] = json.dumps(header | {"buffers": [{"byteLength": len(binary), "uri": inline}]})
     target = io.BytesIO()
     with zipfile.ZipFile(target, "w") as archive:
-        archive.writestr("box.off", found["box.off"])
+        archive.writestr("box.off", found["off"])
     found["box.zip"] = target.getvalue()
     return {
         name if "." in name else f"box.{name}": content.encode() if isinstance(content, str) else content

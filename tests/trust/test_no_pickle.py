@@ -34,6 +34,7 @@ ALLOWED = {
         "pipeline/compute/cluster.py",
         "pickle.loads",
     ): "what a stage and the Dask workers that it is told to use send each other",
+    ("pipeline/compute/executor.py", "pickle.loads"): "what it has pickled itself, to see whether it can be sent",
     ("pipeline/compute/guard.py", "pickle.loads"): "the answer of its own child, through a pipe",
     ("pipeline/compute/guard_server.py", "pickle.loads"): "what the process that started it asks for, through a pipe",
     ("pipeline/compute/shared.py", "pickle.load"): "a folder that this very run made for its own workers, mode 0700",
