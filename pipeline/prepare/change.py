@@ -21,7 +21,8 @@ Surface = tuple[NDArray[np.float64], NDArray[np.int64]]
 
 NEAR = 0.01  # of the largest extent
 SAMPLES = 20_000  # on either surface
-MOST_ADDED = 0.05  # of the new surface, that the file does not have
+MOST_ADDED = 0.08  # of the new surface, that the file does not have
+WIDEST_HOLE = 0.45  # of the smallest extent, between a filled hole's middle and its rim; a vessel's mouth is wider
 MOST_LOST = 0.05  # of the file's surface, that is outside of the object
 MOST_FILLED = 0.10  # of the file's volume, that filled cavities add
 NOTABLE = 1e-4  # of the largest extent, and of the volume; below, nothing is recorded
@@ -126,7 +127,8 @@ def check(change: Change, is_open: bool, name: str, whole: bool = True) -> None:
         UserError: a limit is passed.
     """
     accept = "`accept_repair: true`"
-    if change.added_share > MOST_ADDED and is_open:
+    mouth = change.added_distance > WIDEST_HOLE * min(change.extents_in_file)
+    if is_open and (mouth or change.added_share > MOST_ADDED):
         raise UserError(
             f"{name}: {change.added_share:.0%} of the solid's surface is not in the file, whose surface is open and "
             f"has no thickness there; set `wall: 0.002` for a vessel with a wall of 2 mm, or {accept} to have it "
