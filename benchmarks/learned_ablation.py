@@ -29,9 +29,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np  # noqa: E402
 import pandas as pd  # noqa: E402
+from learned_objectives import chosen_pairs, commit, composed  # noqa: E402
 
 import pipeline  # noqa: E402, F401  (sets the thread counts before numpy is imported)
-from learned_objectives import chosen_pairs, commit, composed  # noqa: E402
 from pipeline.energy.scene import compile_kernels  # noqa: E402
 from pipeline.evaluate.grasps import SequenceGrasp, grasp_from_row  # noqa: E402
 from pipeline.evaluate.trial import run_trial, trial_inputs  # noqa: E402

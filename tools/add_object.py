@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 STYLES = {"pinch": ["pinch"], "side": ["side"], "both": ["pinch", "side"]}
 UNITS = ("m", "cm", "mm", "inch")
+WISHES = ("unit", "up", "turn", "scale", "fit_longest", "density", "bodies", "wall", "accept_repair")
 AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
 
 
@@ -41,6 +42,7 @@ class Addition:
 
     name: str
     source: Path  # the user's file
+    content: bytes  # of the shape in it
     entry: dict[str, Any]  # under `meshes`
     styles: list[str]
     raw: RawMesh
@@ -71,7 +73,7 @@ def planned(chosen: argparse.Namespace, parameters: Parameters) -> Addition:
     Raises:
         UserError: the file is not a mesh, or the name is taken and ``--force`` is not given.
     """
-    from pipeline.prepare.sources import check_file, raw_mesh
+    from pipeline.prepare.sources import check_file, raw_mesh, shape_content
 
     source: Path = chosen.folder / chosen.file
     check_file(source, str(source))
@@ -82,10 +84,11 @@ def planned(chosen: argparse.Namespace, parameters: Parameters) -> Addition:
         raise UserError(
             f"params.yaml already has an object {name} under `meshes`; choose another --name, or add --force."
         )
-    target = paths.RAW_FOLDER / f"{name}{source.suffix.lower()}"
-    if target.exists() and not chosen.force and target.read_bytes() != source.read_bytes():
+    shape = shape_content(source, str(source))
+    target = paths.RAW_FOLDER / f"{name}.{shape.kind}"
+    if target.exists() and not chosen.force and target.read_bytes() != shape.content:
         raise UserError(f"{target} is a different file; choose another --name, or add --force to overwrite it.")
-    asked = {key: getattr(chosen, key) for key in ("unit", "up", "turn", "scale", "fit_longest", "density")}
+    asked = {key: getattr(chosen, key) for key in WISHES}
     entry = {"file": str(target)} | {key: value for key, value in asked.items() if value is not None}
     raw = raw_mesh(_shape(entry), name, read_from=source)
     if raw.guessed_unit:
@@ -96,7 +99,10 @@ def planned(chosen: argparse.Namespace, parameters: Parameters) -> Addition:
         )
         entry = {"file": str(target), "unit": raw.guessed_unit} | entry
     # With the unit in params.yaml, the stage has nothing to guess.
-    return Addition(name, source, entry, STYLES[chosen.style], replace(raw, guessed_unit="", longest=0.0))
+    entry.setdefault("up", raw.up)
+    return Addition(
+        name, source, shape.content, entry, STYLES[chosen.style], replace(raw, guessed_unit="", longest=0.0)
+    )
 
 
 def _shape(entry: dict[str, Any]) -> MeshParameters:
@@ -110,12 +116,13 @@ def _shape(entry: dict[str, Any]) -> MeshParameters:
 
 def describe(addition: Addition, prepared: PreparedObject) -> list[str]:
     """Return the lines that tell the user what became of the mesh."""
+    from pipeline.prepare.change import table
     from tools.graspable import verdict
 
     facts = prepared.provenance
     size = " x ".join(f"{1000 * extent:.1f}" for extent in prepared.extents)
     repairs = "; ".join(facts["repairs"]) or "none needed"
-    unit = addition.entry.get("unit", "scaled to fit")
+    unit = addition.entry.get("unit", "scaled to fit" if "fit_longest" in addition.entry else "in the file's unit")
     lines = [
         f"{addition.name}: {addition.target} ({unit})",
         f"  extents       {size} mm (x, y, z; z is up)",
@@ -123,6 +130,7 @@ def describe(addition: Addition, prepared: PreparedObject) -> list[str]:
         f"  mass          {1000 * prepared.mass:.1f} g at {facts['density']:g} kg/m3",
         f"  faces         {facts['faces']} (file: {facts['raw_faces']})",
         f"  repairs       {repairs}",
+        *(table(facts["changes"]) if "changes" in facts else []),
         f"  convex parts  {len(prepared.parts)}",
         f"  picture       {paths.prepared_folder(addition.name) / 'picture.png'}",
     ]
@@ -139,7 +147,7 @@ def write(addition: Addition, prepared: PreparedObject) -> None:
     picture = portrait(prepared)
     if addition.source.resolve() != addition.target.resolve():
         with whole_file(addition.target) as temporary:
-            temporary.write_bytes(addition.source.read_bytes())
+            temporary.write_bytes(addition.content)
     write_prepared_object(paths.prepared_folder(addition.name), prepared, picture)
     with whole_file(paths.PARAMETERS_FILE) as temporary:
         temporary.write_text(text)
@@ -164,12 +172,16 @@ def add(chosen: argparse.Namespace) -> None:
     print(f"Next: look at the picture; `./dev repro {stages}` for grasps of it alone, `./dev repro` for its pairs too.")
 
 
+def _bodies(text: str) -> str | int:
+    return int(text) if text.isdecimal() else text
+
+
 def command_line() -> argparse.ArgumentParser:
     """Return the parser of the command."""
     parser = argparse.ArgumentParser(
         prog="./dev add-object", description="Turn a mesh file into an object of the pipeline."
     )
-    parser.add_argument("file", type=Path, help="obj, stl, ply, off or glb")
+    parser.add_argument("file", type=Path, help="obj, stl, ply, off, glb, gltf, dae or 3mf, or a zip of one")
     parser.add_argument("--folder", type=Path, default=Path(), help=argparse.SUPPRESS)  # where ./dev was called
     parser.add_argument(
         "--style",
@@ -181,9 +193,20 @@ def command_line() -> argparse.ArgumentParser:
     parser.add_argument("--unit", choices=UNITS, help="unit of the file (default: guessed from its size)")
     parser.add_argument("--scale", type=float, help="scale factor")
     parser.add_argument("--fit-longest", type=float, help="longest extent in metres, instead of --unit and --scale")
-    parser.add_argument("--up", choices=AXES, default="+z", help="axis of the file that points up (--up=-y)")
+    parser.add_argument(
+        "--up", choices=AXES, help="axis of the file that points up (--up=-y; default: of its format, mostly +z)"
+    )
     parser.add_argument("--turn", type=float, help="rotation about the vertical axis in degrees")
     parser.add_argument("--density", type=float, help="kg/m3 (default: 500)")
+    parser.add_argument(
+        "--bodies",
+        type=_bodies,
+        help="of several separate bodies: largest, all (as one rigid object), or the number of one (1 is the largest)",
+    )
+    parser.add_argument("--wall", type=float, help="thickness in metres for a surface without one")
+    parser.add_argument(
+        "--accept-repair", action="store_true", default=None, help="even if the repair changes the shape beyond limits"
+    )
     parser.add_argument("--force", action="store_true", help="replace an object or file of the same name")
     return parser
 

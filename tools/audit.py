@@ -19,6 +19,8 @@ from typing import Any
 
 from license_expression import ExpressionError, Licensing
 
+from pipeline.stages.running import command
+
 CONSTRAINTS = Path("constraints.txt")
 POLICY = Path("tools/licences.toml")
 SECONDS = 40  # that pip-audit may take
@@ -92,6 +94,7 @@ def vulnerable(report: Mapping[str, Any], policy: Mapping[str, Any]) -> list[str
     ]
 
 
+@command("audit")
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; exit code 1: something is neither permitted nor an exception."""
     parser = argparse.ArgumentParser(prog="./dev audit", description=__doc__)

@@ -14,6 +14,8 @@ import subprocess
 import sys
 from dataclasses import dataclass
 
+from pipeline.stages.running import command
+
 MISSING = 3  # exit code
 
 
@@ -72,6 +74,7 @@ def install(missing: list[Library]) -> None:
         subprocess.run(step, check=True, stdin=subprocess.DEVNULL, stdout=sys.stderr, env=environment)
 
 
+@command("libraries")
 def main(arguments: list[str] | None = None) -> int:
     """Check, install if possible, and return 0 or :data:`MISSING`."""
     parser = argparse.ArgumentParser(prog="python -m tools.libraries", description=__doc__)

@@ -10,6 +10,7 @@ import sys
 from importlib.metadata import PackageNotFoundError, version
 
 from pipeline.records.errors import UserError
+from pipeline.stages.running import command
 from tools.scales import describe
 
 PACKAGES = (
@@ -48,6 +49,7 @@ def package_versions() -> dict[str, str]:
     return {name: installed(name) for name in PACKAGES}
 
 
+@command("machine")
 def main() -> int:
     """Print the report; the exit code says whether every package is there."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9

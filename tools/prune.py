@@ -18,6 +18,7 @@ from pathlib import Path
 import yaml
 
 from pipeline.records.texts import parse_json, parse_yaml
+from pipeline.stages.running import command
 
 LOCK_FILE = Path("dvc.lock")
 BUSY_FILE = Path(".dvc/tmp/rwlock")
@@ -96,6 +97,7 @@ def prune() -> list[Path]:
     return removed
 
 
+@command("prune")
 def main(arguments: list[str] | None = None) -> int:
     """Run the command."""
     argparse.ArgumentParser(prog="python -m tools.prune", description=__doc__).parse_args(arguments)

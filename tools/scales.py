@@ -19,7 +19,7 @@ import yaml
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.hands import ALLEGRO
-from pipeline.records.parameters import read_parameters, require_allegro
+from pipeline.records.parameters import read_parameters, require_allegro, require_conditions
 from pipeline.records.writing import whole_file
 from pipeline.stages.running import command
 from tools.parameter_text import own_meshes, with_mesh, without_meshes
@@ -159,7 +159,9 @@ def main(arguments: list[str] | None = None) -> int:
     chosen = parser.parse_args(arguments)
     composing_now = chosen.command == "compose"
     if not composing_now and chosen.everything:
-        require_allegro(read_parameters())
+        parameters = read_parameters()
+        require_allegro(parameters)
+        require_conditions(parameters)
     said = switch(chosen.scale, chosen.force, chosen.preset, chosen.hand) if composing_now else describe()
     print(said, file=sys.stderr)
     return 0

@@ -14,7 +14,7 @@ from pipeline.records.objects import load_prepared_object
 from pipeline.records.parameters import load_with_workers
 from pipeline.records.parameters.names import require_name
 from pipeline.stages.code import own_fingerprint
-from pipeline.stages.items import Keep, Stage, make_by_hand, make_items, one_by_one
+from pipeline.stages.items import Keep, Stage, fingerprints_of, make_by_hand, make_items, one_by_one
 from pipeline.stages.outputs import Folders
 from pipeline.stages.running import run_stage
 
@@ -36,7 +36,6 @@ def capture(only: str) -> None:
     if only:
         require_name(only, renderings, "renderings", kind="capture")
     names = [only] if only else list(renderings)
-    digests = {name: [prepared_digest(item) for item in renderings[name].objects] for name in names}
 
     def work(name: str, keep: Keep) -> Work[None]:
         from pipeline.capture.recipe import rendering
@@ -48,8 +47,12 @@ def capture(only: str) -> None:
         make_by_hand(STAGE, names, one_by_one(work), workers)
         return
     common = digest(own_fingerprint("capture"), seed)
-    fingerprints = {name: digest(common, name, renderings[name], digests[name]) for name in names}
-    make_items(STAGE, fingerprints, one_by_one(work), workers)
+
+    def fingerprint(name: str) -> str:
+        return digest(common, name, renderings[name], [prepared_digest(item) for item in renderings[name].objects])
+
+    fingerprints, refused = fingerprints_of(names, fingerprint)
+    make_items(STAGE, fingerprints, one_by_one(work), workers, refused)
 
 
 def main() -> int:

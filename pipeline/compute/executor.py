@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import pickle
 import time
+import traceback
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 from pipeline.records.parameters.compute import ComputeParameters
@@ -46,7 +49,6 @@ class Executor(Protocol):
 
         Raises:
             WorkersLost: workers died, and with them these batches; all others are still under way.
-            Exception: whatever a call raised.
         """
         ...
 
@@ -60,10 +62,33 @@ def worker_count(workers: int) -> int:
     return workers if workers > 0 else len(os.sched_getaffinity(0))
 
 
+@dataclass(frozen=True)
+class Failed:
+    """What stands for the result of a call that raised an exception."""
+
+    error: Exception
+    trace: str  # the traceback where it was raised
+
+
+def failure(error: Exception) -> Failed:
+    """Return an exception that is being handled as one that can be sent to another process."""
+    trace = traceback.format_exc()
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:  # it holds what cannot be sent
+        error = RuntimeError(f"{type(error).__name__}: {error}")
+    return Failed(error, trace)
+
+
 def compute_batch(function: Callable[[Any], Any], arguments: Sequence[Any]) -> tuple[list[Any], float]:
-    """Return the results of a batch of calls, and the seconds that they took."""
+    """Return the results of a batch of calls, :class:`Failed` for those that fail, and the seconds that they took."""
     begin = time.perf_counter()
-    results = [function(argument) for argument in arguments]
+    results: list[Any] = []
+    for argument in arguments:
+        try:
+            results.append(function(argument))
+        except Exception as error:
+            results.append(failure(error))
     return results, time.perf_counter() - begin
 
 

@@ -24,6 +24,15 @@ class WorkersLost(Exception):
         self.batches, self.deaths = batches, deaths
 
 
+class GivenUp(UserError):
+    """A call has ended every process that computed it."""
+
+    def __init__(self, batch: Hashable, sentence: str) -> None:
+        """Tell the call, as a batch of its own, and what is to be said."""
+        super().__init__(sentence)
+        self.batch = batch
+
+
 class Losses(Generic[Batch]):
     """Decides what lost batches do next: run again beside others, run alone, or end the stage.
 
@@ -58,7 +67,7 @@ class Losses(Generic[Batch]):
         """Return which lost batches are to run again beside others; the rest are suspects now.
 
         Raises:
-            UserError: a call has ended :data:`PATIENCE` processes that computed it and nothing else.
+            GivenUp: a call has ended :data:`PATIENCE` processes that computed it and nothing else.
         """
         if self._alone is not None:
             self._lost_alone(self._alone, deaths)
@@ -77,8 +86,9 @@ class Losses(Generic[Batch]):
             return
         self._deaths_alone[batch] = self._deaths_alone.get(batch, 0) + deaths
         if self._deaths_alone[batch] >= PATIENCE:
-            raise UserError(
+            raise GivenUp(
+                batch,
                 f"{self._name(batch)} ended {self._deaths_alone[batch]} processes that computed it and nothing else "
-                "(too little memory?); set compute.backend to processes and compute.workers to 1 to see how it ends."
+                "(too little memory?); set compute.backend to processes and compute.workers to 1 to see how it ends.",
             )
         self._suspects.appendleft(batch)

@@ -10,8 +10,8 @@ from functools import partial
 from typing import Any, Generic, TypeVar
 
 from pipeline.compute.cluster import ClusterExecutor, connection
-from pipeline.compute.executor import Executor, OwnProcess, Workers, worker_count
-from pipeline.compute.losses import Losses, WorkersLost
+from pipeline.compute.executor import Executor, Failed, OwnProcess, Workers, failure, worker_count
+from pipeline.compute.losses import GivenUp, Losses, WorkersLost
 from pipeline.compute.processes import Processes
 from pipeline.compute.progress import Bar
 from pipeline.records.parameters.compute import ComputeParameters
@@ -39,10 +39,16 @@ class Calls(Generic[Result]):
 
 # An item in progress: yields rounds of calls, is sent their results in order, and returns the result of the item.
 Work = Generator[Calls[Any], list[Any], Result]
+# Takes the key of an item that failed, and why. What it raises itself ends everything.
+OnFailure = Callable[[str, Failed], None]
 
 
 def run_all(
-    works: Sequence[tuple[str, Callable[[], Work[Any]]]], workers: Workers, label: str, done: Callable[[str, Any], None]
+    works: Sequence[tuple[str, Callable[[], Work[Any]]]],
+    workers: Workers,
+    label: str,
+    done: Callable[[str, Any], None],
+    failed: OnFailure | None = None,
 ) -> None:
     """Run all items where ``workers`` says, with one progress bar for all.
 
@@ -58,13 +64,15 @@ def run_all(
         workers: where calls run.
         label: of the progress bar.
         done: is given the key and the result of every item as soon as it is finished, in any order, in this process.
+        failed: is given the key of every item that raises an exception, one of whose calls does, or one of whose calls
+            ends every process that computes it; all other items go on.
 
     Raises:
-        UserError: a call ends every process that computes it, or the cluster cannot be used.
-        Exception: whatever an item, one of its calls or ``done`` raised first; nothing goes on after that.
+        UserError: the cluster cannot be used.
+        Exception: without ``failed``: whatever an item or one of its calls raised first; nothing goes on after that.
     """
     if works:
-        run_on(_executor_of(workers), works, label, done)
+        run_on(_executor_of(workers), works, label, done, failed)
 
 
 def run_one(work: Work[Result], workers: Workers, label: str) -> Result:
@@ -79,10 +87,11 @@ def run_on(
     works: Sequence[tuple[str, Callable[[], Work[Any]]]],
     label: str,
     done: Callable[[str, Any], None],
+    failed: OnFailure | None = None,
 ) -> None:
     """Run all items on an executor; see :func:`run_all`."""
     with Bar(len(works), label) as bar:
-        pool = _Pool(executor, works, done, bar)
+        pool = _Pool(executor, works, done, bar, failed)
         try:
             pool.run()
         finally:
@@ -128,8 +137,9 @@ class _Pool:
         works: Sequence[tuple[str, Callable[[], Work[Any]]]],
         done: Callable[[str, Any], None],
         bar: Bar,
+        failed: OnFailure | None,
     ) -> None:
-        self._executor, self._works, self._done, self._bar = executor, works, done, bar
+        self._executor, self._works, self._done, self._bar, self._failed = executor, works, done, bar, failed
         self._begun = 0
         self._open: dict[int, Work[Any]] = {}
         # Calls that wait, those of earlier items first: number of the item, of the call, and the call's round.
@@ -146,11 +156,32 @@ class _Pool:
             except WorkersLost as lost:
                 batches: list[_Batch] = list(lost.batches)  # type: ignore[arg-type]
                 self._flying.difference_update(batches)
-                for again in self._losses.lost(batches, lost.deaths):
-                    for begun, number in again.calls:
-                        self._wait(begun, [number])
+                self._compute_again(batches, lost.deaths)
             else:
                 self._record(batch, results, seconds)
+
+    def _compute_again(self, batches: list[_Batch], deaths: int) -> None:
+        """Let calls wait again whose processes died; give up an item that ends every process."""
+        try:
+            again = self._losses.lost(batches, deaths)
+        except GivenUp as error:
+            assert isinstance(error.batch, _Batch)
+            self._fail(error.batch.calls[0][0].work, failure(error))
+        else:
+            for batch in again:
+                for begun, number in batch.calls:
+                    self._wait(begun, [number])
+
+    def _fail(self, work: int, failed: Failed) -> None:
+        """Give up an item, or everything if nobody wants to know of failures."""
+        if self._failed is None:
+            raise failed.error from _Elsewhere(failed.trace)
+        if work in self._open:
+            self._open.pop(work).close()
+            self._ready = [entry for entry in self._ready if entry[0] != work]
+            heapq.heapify(self._ready)
+            self._failed(self._works[work][0], failed)
+            self._bar.finished(work)
 
     def close(self) -> None:
         """Drop what is still under way, after an error."""
@@ -177,8 +208,13 @@ class _Pool:
     def _begin(self) -> None:
         work, (_, begin) = self._begun, self._works[self._begun]
         self._begun += 1
-        self._open[work] = begin()
-        self._advance(work, None)
+        try:
+            self._open[work] = begin()
+        except Exception as error:
+            self._open[work] = _nothing()
+            self._fail(work, failure(error))
+        else:
+            self._advance(work, None)
 
     def _advance(self, work: int, results: list[Any] | None) -> None:
         """Let an item go on to its next round that has calls, or to its end."""
@@ -192,6 +228,8 @@ class _Pool:
             del self._open[work]
             self._done(key, end.value)
             self._bar.finished(work)
+        except Exception as error:
+            self._fail(work, failure(error))
         else:
             self._bar.moved(work, calls.begin)
             begun = _Round(work, key, calls, self._executor.prepare(calls.function))
@@ -225,12 +263,23 @@ class _Pool:
         self._losses.finished(batch)
         self._pace[_called(batch.calls[0][0].calls.function)].add(len(results), seconds)
         for (begun, number), result in zip(batch.calls, results, strict=True):
+            if isinstance(result, Failed):
+                self._fail(begun.work, result)
             begun.results[number] = result
-        for begun in dict.fromkeys(begun for begun, _ in batch.calls):
+        for begun in dict.fromkeys(begun for begun, _ in batch.calls if begun.work in self._open):
             if len(begun.results) < len(begun.calls.arguments):
                 self._bar.moved(begun.work, begun.share)
             else:
                 self._advance(begun.work, [begun.results[number] for number in range(len(begun.calls.arguments))])
+
+
+class _Elsewhere(Exception):
+    """The traceback of an exception in another process, as the cause of the same exception here."""
+
+
+def _nothing() -> Work[None]:
+    """Return the work of an item that could not be begun."""
+    yield from ()
 
 
 @dataclass

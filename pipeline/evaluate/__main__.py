@@ -17,7 +17,7 @@ from pipeline.records.parameters import load_with_workers
 from pipeline.records.sources import SOURCES
 from pipeline.records.tables import TRIALS
 from pipeline.stages.code import own_fingerprint
-from pipeline.stages.items import Stage, make_by_hand, make_items
+from pipeline.stages.items import Stage, fingerprints_of, make_by_hand, make_items
 from pipeline.stages.outputs import Tables
 from pipeline.stages.running import run_stage
 
@@ -43,12 +43,15 @@ def evaluate(source: str, only: str) -> None:
             make_by_hand(stage, [f"{objects}/{number}" for objects in sequences for number in numbers], begin, workers)
         else:
             common = digest(own_fingerprint("evaluate"), hand_digest(hand.name))
+            digests, refused = fingerprints_of(
+                sequences, lambda objects: trial_digests(source, objects.split("/"), parameters, hand)
+            )
             fingerprints = {
-                f"{objects}/{number}": digest(common, own)
-                for objects in sequences
-                for number, own in enumerate(trial_digests(source, objects.split("/"), parameters, hand))
+                f"{objects}/{number}": digest(common, trial)
+                for objects, trials in digests.items()
+                for number, trial in enumerate(trials)
             }
-            make_items(stage, fingerprints, begin, workers)
+            make_items(stage, fingerprints, begin, workers, refused)
     _print_outcomes(source, dict.fromkeys(objects.split("/")[0] for objects in sequences))
 
 

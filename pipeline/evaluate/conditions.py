@@ -21,7 +21,7 @@ from pipeline.records.series import STAGE, TrialSeries
 from pipeline.records.sources import SOURCES
 from pipeline.records.tables import TRIALS
 from pipeline.stages.code import own_fingerprint
-from pipeline.stages.items import Stage, make_by_hand, make_items
+from pipeline.stages.items import Stage, fingerprints_of, make_by_hand, make_items
 from pipeline.stages.outputs import Tables
 from pipeline.stages.running import run_stage
 
@@ -111,14 +111,19 @@ def evaluate(only: str) -> None:
             make_by_hand(stage, [f"{key}/{number}" for key in keys for number in numbers], begin, workers)
             return
         common = digest(own_fingerprint(STAGE), hand_digest(hand.name))
-        fingerprints: dict[str, str] = {}
-        for key in keys:
+
+        def digests_of(key: str) -> list[str]:
             name, *objects = key.split("/")
-            series = chosen[name]
-            own = trial_digests(series.source, objects, parameters_of(series, parameters), hand)
-            own = own[: parameters["conditions"].trials]
-            fingerprints |= {f"{key}/{number}": digest(common, trial) for number, trial in enumerate(own)}
-        make_items(stage, fingerprints, begin, workers)
+            own = trial_digests(chosen[name].source, objects, parameters_of(chosen[name], parameters), hand)
+            return own[: parameters["conditions"].trials]
+
+        digests, refused = fingerprints_of(keys, digests_of)
+        fingerprints = {
+            f"{key}/{number}": digest(common, trial)
+            for key, trials in digests.items()
+            for number, trial in enumerate(trials)
+        }
+        make_items(stage, fingerprints, begin, workers, refused)
 
 
 def main() -> int:

@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
 from pipeline.records.digests import digest, file_digest, hand_digest, prepared_digest
+from pipeline.records.errors import UserError
 from pipeline.records.hands import ALLEGRO
 from pipeline.records.objects import load_prepared_object
 from pipeline.records.parameters import chosen_sequences, load_with_workers
 from pipeline.records.tables import MERGED, VALIDATED, read_table
 from pipeline.stages.code import own_fingerprint
-from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
+from pipeline.stages.items import Keep, Stage, fingerprints_of, make_by_hand, make_items
 from pipeline.stages.outputs import Tables
 from pipeline.stages.running import run_stage
 from pipeline.stages.seeds import item_generator
@@ -47,9 +48,13 @@ def merge(only: str) -> None:
     parameters, workers = load_with_workers(sections())
     sequences, seed, picks = chosen_sequences(parameters, only), parameters["seed"], parameters["picks"]
     styles = [pick.style for pick in picks]
-    digests = {
-        "/".join(names): digest([_digest(*each) for each in zip(styles, names, strict=True)]) for names in sequences
-    }
+
+    def inputs_digest(key: str) -> str:
+        return digest([_digest(*each) for each in zip(styles, key.split("/"), strict=True)])
+
+    digests, refused = fingerprints_of(["/".join(names) for names in sequences], inputs_digest)
+    if only and refused:
+        raise UserError(next(iter(refused.values())))
     from pipeline.hand.model import load_hand
     from pipeline.merge.search import Inputs, merging, summary
     from pipeline.pairing.grasps import distinct_grasps, validated_grasps
@@ -104,7 +109,7 @@ def merge(only: str) -> None:
         return
     del parameters["styles"], parameters["pairs"]
     common = digest(own_fingerprint("merge"), parameters, hand_digest(hand.name))
-    make_items(stage, {key: digest(common, key, own) for key, own in digests.items()}, begin, workers)
+    make_items(stage, {key: digest(common, key, own) for key, own in digests.items()}, begin, workers, refused)
 
 
 def _side_by_side(sequences: Sequence[tuple[str, ...]]) -> Iterator[list[str]]:

@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Any
 from pipeline.compute.pool import Calls, Work
 from pipeline.records import paths
 from pipeline.records.digests import digest, file_digest
+from pipeline.records.packages import files_beside
 from pipeline.records.parameters import load_with_workers
 from pipeline.records.parameters.names import require_name
 from pipeline.records.parameters.objects import MeshParameters, ObjectParameters
 from pipeline.stages.code import own_fingerprint
-from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
+from pipeline.stages.items import Keep, Stage, fingerprints_of, make_by_hand, make_items
 from pipeline.stages.outputs import Folders, files_in
 from pipeline.stages.running import run_stage
 
@@ -44,21 +45,28 @@ def prepare(only: str) -> None:
         require_name(only, shapes, "objects", "meshes")
     from pipeline.prepare.sources import check_source
 
-    for name in [only] if only else shapes:
-        check_source(shapes[name], name)
+    if only:
+        check_source(shapes[only], only)
     begin = partial(_begin, shapes, parameters["prepare"])
     if only:
         make_by_hand(STAGE, [only], begin, workers)
         return
     code = own_fingerprint("prepare")
-    fingerprints = {
-        name: digest(code, name, parameters["prepare"], shape, _digest_of_file(shape)) for name, shape in shapes.items()
-    }
-    make_items(STAGE, fingerprints, begin, workers)
+
+    def fingerprint(name: str) -> str:
+        check_source(shapes[name], name)
+        return digest(code, name, parameters["prepare"], shapes[name], _digest_of_file(shapes[name]))
+
+    fingerprints, refused = fingerprints_of(shapes, fingerprint)
+    make_items(STAGE, fingerprints, begin, workers, refused)
 
 
 def _digest_of_file(shape: Shape) -> str:
-    return file_digest(Path(shape.file), "prepare") if isinstance(shape, MeshParameters) else ""
+    if not isinstance(shape, MeshParameters):
+        return ""
+    own = file_digest(Path(shape.file), "prepare")
+    beside = files_beside(Path(shape.file))
+    return digest(own, [file_digest(path, "prepare") for path in beside]) if beside else own
 
 
 def _begin(

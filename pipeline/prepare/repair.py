@@ -17,6 +17,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from pipeline.prepare.bodies import chosen_bodies
+from pipeline.prepare.walls import thickened
 from pipeline.prepare.winding import winding_surface
 from pipeline.records.errors import UserError
 from pipeline.shapes.rays import ray_scene
@@ -24,7 +26,6 @@ from pipeline.shapes.rays import ray_scene
 LARGEST_EXTENT = 2.0  # m; nothing that a hand holds is larger, so the unit must be wrong
 SMALLEST_EXTENT = 0.002  # m
 THINNEST = 1e-3  # smallest over largest extent; below, the shape is a sheet
-SPECK = 1e-3  # of the volume; smaller separate bodies are scan noise
 EXTENT_CHANGE = 0.02  # of the largest extent; a repair that changes more has invented a shape
 COINCIDENT = 1e-7  # of the largest extent
 NEARLY_COINCIDENT = 1e-5  # of the largest extent; for vertices of open edges, where a seam is likelier than a slit
@@ -43,6 +44,7 @@ class Solid:
     vertices: NDArray[np.float64]  # (V, 3)
     faces: NDArray[np.int64]  # (F, 3)
     repairs: tuple[str, ...]  # what was changed, in order
+    open_in_file: bool = False  # whether the surface had open edges
 
 
 def check_raw(vertices: NDArray[np.float64], faces: NDArray[np.int64], name: str) -> None:
@@ -214,8 +216,8 @@ def _merged(
     return vertices, faces
 
 
-def _cleaned(vertices: NDArray[np.float64], faces: NDArray[np.int64], repairs: list[str]) -> Any:
-    """Merge, drop, orient and fill; the result is a trimesh that may still be open."""
+def _cleaned(vertices: NDArray[np.float64], faces: NDArray[np.int64], repairs: list[str], fill: bool = True) -> Any:
+    """Merge, drop, orient and, if wanted, fill holes; the result is a trimesh that may still be open."""
     vertices, faces = _merged(vertices, faces, repairs)
     kept = _without_flaps(faces)
     if len(kept) < len(faces):
@@ -230,7 +232,7 @@ def _cleaned(vertices: NDArray[np.float64], faces: NDArray[np.int64], repairs: l
     mesh = trimesh.Trimesh(vertices, oriented, process=False)
     mesh.remove_unreferenced_vertices()
     holes = int((_edge_uses(np.asarray(mesh.faces)) == 1).sum())
-    if holes:
+    if holes and fill:
         trimesh.repair.fill_holes(mesh)
         left = int((_edge_uses(np.asarray(mesh.faces)) == 1).sum())
         if left < holes:
@@ -262,24 +264,6 @@ def _united(manifold: Any, repairs: list[str]) -> Any:
         filled.append(piece)
     repairs.append(f"united {len(pieces)} closed surfaces (cavities are filled)")
     return manifold3d.Manifold.batch_boolean(filled, manifold3d.OpType.Add)
-
-
-def _single_body(manifold: Any, repairs: list[str], name: str) -> Any:
-    """Return the one body, without specks.
-
-    Raises:
-        UserError: there are several bodies of notable size.
-    """
-    # A filled body has positive volume; a negative one would be a cavity that union left, which it never does.
-    bodies = sorted(manifold.decompose(), key=lambda body: -body.volume())
-    large = [body for body in bodies if body.volume() > SPECK * manifold.volume()]
-    if len(large) > 1:
-        raise UserError(f"{name}: the mesh holds {len(large)} separate bodies; keep one, or join them in the file.")
-    if not large:
-        raise UserError(f"{name}: the mesh encloses no volume; model it as a solid.")
-    if len(bodies) > 1:
-        repairs.append(f"dropped {len(bodies) - 1} specks below {SPECK:.1%} of the volume")
-    return large[0]
 
 
 def _wrapped(mesh: Any) -> Any | None:
@@ -323,7 +307,16 @@ def _simplified(body: Any, repairs: list[str]) -> Any:
     return simpler
 
 
-def repair(vertices: NDArray[np.float64], faces: NDArray[np.int64], name: str) -> Solid:
+@dataclass(frozen=True)
+class Wishes:
+    """What the user has decided about a mesh that can be understood in several ways."""
+
+    bodies: str | int = "refuse"  # see :func:`pipeline.prepare.bodies.chosen_bodies`
+    wall: float | None = None  # m, of a surface without thickness
+    rebuild: bool = False  # the surface passes through itself: take what its winding number encloses
+
+
+def repair(vertices: NDArray[np.float64], faces: NDArray[np.int64], name: str, wishes: Wishes | None = None) -> Solid:
     """Return one closed solid.
 
     Args:
@@ -334,31 +327,61 @@ def repair(vertices: NDArray[np.float64], faces: NDArray[np.int64], name: str) -
     Raises:
         UserError: no single solid can be made of the mesh.
     """
+    wishes = wishes or Wishes()
     check_raw(vertices, faces, name)
     used, index = np.unique(faces, return_inverse=True)
     vertices, faces = vertices[used], index.reshape(faces.shape)
     repairs: list[str] = []
-    mesh = _cleaned(vertices, faces, repairs)
-    manifold = _as_manifold(mesh)
-    solid = None if manifold is None else _united(manifold, repairs)
-    if solid is None or solid.num_tri() == 0:
-        open_edges = int((_edge_uses(np.asarray(mesh.faces)) != 2).sum())
-        solid = _wrapped(mesh)
-        if solid is None:
-            raise UserError(f"{name}: the mesh cannot be closed ({open_edges} bad edges); mend it in a modeller.")
-        if _lost_depth(mesh, solid) > WRAP_LOSS * mesh.extents.max():
-            raise UserError(
-                f"{name}: closing the mesh ({open_edges} bad edges) loses a part of it; mend it in a modeller."
-            )
-        repairs.append(f"rebuilt as the solid where the winding number is over one half ({open_edges} bad edges)")
+    mesh = _cleaned(vertices, faces, repairs, fill=wishes.wall is None)
+    before = np.ptp(vertices[np.unique(faces)], axis=0)
+    if wishes.wall is not None:
+        solid, before = _walled(mesh, wishes.wall, repairs, name), before + wishes.wall
+    else:
+        solid = _closed(mesh, wishes.rebuild, repairs, name)
     box = np.array(solid.bounding_box())
-    before, after = np.ptp(vertices[np.unique(faces)], axis=0), box[3:] - box[:3]
-    if np.abs(after - before).max() > EXTENT_CHANGE * before.max():
+    after = box[3:] - box[:3]
+    if np.abs(after - before).max() > EXTENT_CHANGE * before.max() + (wishes.wall or 0.0):
         raise UserError(
             f"{name}: closing the mesh changes its extents from {_millimetres(before)} to "
             f"{_millimetres(after)} mm; mend it in a modeller."
         )
-    result = _simplified(_single_body(solid, repairs, name), repairs).to_mesh64()
+    result = _simplified(chosen_bodies(solid, wishes.bodies, repairs, name), repairs).to_mesh64()
     out_vertices = np.asarray(result.vert_properties, np.float64)[:, :3]
     out_faces = np.asarray(result.tri_verts).astype(np.int64)
-    return Solid(out_vertices, out_faces, tuple(repairs))
+    return Solid(out_vertices, out_faces, tuple(repairs), open_in_file=_is_open(mesh) or _filled(repairs))
+
+
+def _closed(mesh: Any, rebuild: bool, repairs: list[str], name: str) -> Any:
+    """Return the Manifold that a mesh is the surface of, or encloses for the most part."""
+    manifold = None if rebuild else _as_manifold(mesh)
+    solid = None if manifold is None else _united(manifold, repairs)
+    if solid is not None and solid.num_tri():
+        return solid
+    open_edges = int((_edge_uses(np.asarray(mesh.faces)) != 2).sum())
+    solid = _wrapped(mesh)
+    if solid is None:
+        raise UserError(f"{name}: the mesh cannot be closed ({open_edges} bad edges); mend it in a modeller.")
+    if _lost_depth(mesh, solid) > WRAP_LOSS * mesh.extents.max():
+        raise UserError(f"{name}: closing the mesh ({open_edges} bad edges) loses a part of it; mend it in a modeller.")
+    why = "its surface passes through itself" if rebuild else f"{open_edges} bad edges"
+    repairs.append(f"rebuilt as the solid where the winding number is over one half ({why})")
+    return solid
+
+
+def _walled(mesh: Any, wall: float, repairs: list[str], name: str) -> Any:
+    """Return the Manifold of an open surface with a wall."""
+    if not _is_open(mesh):
+        raise UserError(f"{name}: `wall` is for a surface without thickness, but this mesh is closed; remove it.")
+    solid = _as_manifold(trimesh.Trimesh(*thickened(mesh.vertices, mesh.faces, wall, name), process=False))
+    if solid is None:
+        raise UserError(f"{name}: no wall of {1000 * wall:g} mm can be put around the mesh; mend it in a modeller.")
+    repairs.append(f"given a wall of {1000 * wall:g} mm")
+    return solid.simplify(wall / 40)
+
+
+def _is_open(mesh: Any) -> bool:
+    return bool((_edge_uses(np.asarray(mesh.faces)) == 1).any())
+
+
+def _filled(repairs: list[str]) -> bool:
+    return any(repair.startswith("filled holes") for repair in repairs)

@@ -9,15 +9,17 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
+from pipeline.compute.guard import CallLost, guarded
 from pipeline.prepare.recipes import recipe_mesh
 from pipeline.records.errors import UserError
-from pipeline.records.geometry import FORMATS, read_geometry_file
+from pipeline.records.geometry import FORMATS, read_geometry
+from pipeline.records.packages import Content, shape_in, unit_in, up_axis
 from pipeline.records.parameters.objects import MeshParameters, ObjectParameters
 
 UNIT_LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}  # m
+READING_SECONDS, READING_MEGABYTES = 60, 8000  # that reading a file may take
 LARGEST_IN_METRES = 2.0  # a file whose numbers are larger is in centimetres or millimetres
 LARGEST_IN_CENTIMETRES = 25.0  # 25 mm to 25 cm is what a hand grasps: beyond, millimetres are likelier
 
@@ -32,6 +34,7 @@ class RawMesh:
     licence: str  # terms of use of the shape
     guessed_unit: str = ""  # for a file without `unit`
     longest: float = 0.0  # longest extent in the numbers of the file, where a unit was guessed
+    up: str = "+z"  # axis that points up where nothing else is said
 
 
 def guessed_unit(longest: float) -> str:
@@ -57,16 +60,46 @@ def load_triangles(path: Path, where: str) -> tuple[NDArray[np.float64], NDArray
     Raises:
         UserError: the file holds no mesh.
     """
-    refusal = UserError(
-        f"{where}: {path} holds no triangle mesh that can be read; export the shape again as {', '.join(FORMATS)}."
-    )
+    return triangles_in(shape_content(path, where), path, where)
+
+
+def shape_content(path: Path, where: str) -> Content:
+    """Return the bytes of the one shape in a file.
+
+    Raises:
+        UserError: there is none, or not one.
+    """
     try:
-        mesh = read_geometry_file(path)
+        return shape_in(path)
     except (OSError, ValueError) as error:
-        raise refusal from error
-    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
-        raise refusal
-    return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
+        raise _unreadable(path, where, error) from error
+
+
+def triangles_in(shape: Content, path: Path, where: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the triangles of a shape; see :func:`load_triangles`."""
+    try:
+        mesh = guarded(
+            read_geometry, shape.content, shape.kind, cpu_seconds=READING_SECONDS, megabytes=READING_MEGABYTES
+        )
+    except (CallLost, ValueError) as error:
+        raise _unreadable(path, where, error) from error
+    faces = getattr(mesh, "faces", ())
+    if len(mesh.vertices) and len(faces) == 0:
+        raise UserError(
+            f"{where}: {path} is a point cloud ({len(mesh.vertices)} points, no triangles); reconstruct a surface "
+            "from it in a mesh program, or draw grasps for it as it is with `python -m pipeline.sample --object0`."
+        )
+    if len(faces) == 0:
+        raise _unreadable(path, where, "it is empty")
+    return np.asarray(mesh.vertices, np.float64), np.asarray(faces, np.int64)
+
+
+def _unreadable(path: Path, where: str, reason: object) -> UserError:
+    said = " ".join(str(reason).split()).rstrip(".") or type(reason).__name__
+    return UserError(
+        f"{where}: {path} holds no triangle mesh that can be read: {said}; export the shape again as one of "
+        f"{', '.join(FORMATS)}."
+    )
 
 
 def _ycb_file(scan: str, name: str) -> Path:
@@ -127,16 +160,22 @@ def raw_mesh(parameters: ObjectParameters | MeshParameters, name: str, read_from
     Raises:
         UserError: see :func:`check_source`, or the file is not a triangle mesh.
     """
+    up = "+z"
     if read_from is None:
         check_source(parameters, name)
     if isinstance(parameters, MeshParameters):
-        vertices, faces = load_triangles(read_from or Path(parameters.file), f"meshes.{name}")
+        where = f"meshes.{name}"
+        shape = shape_content(read_from or Path(parameters.file), where)
+        vertices, faces = triangles_in(shape, Path(parameters.file), where)
         source, licence = f"file {parameters.file}", "as supplied by the user"
+        up, own_unit = up_axis(shape), unit_in(shape)
+        if parameters.unit is None and parameters.fit_longest is None and own_unit is not None:
+            return RawMesh(vertices * (own_unit * parameters.scale), faces, source, licence, up=up)
         if parameters.unit is None and parameters.fit_longest is None:
             longest = longest_extent(vertices, faces)
             unit = guessed_unit(longest)
             vertices = vertices * (UNIT_LENGTHS[unit] * parameters.scale)
-            return RawMesh(vertices, faces, source, licence, guessed_unit=unit, longest=longest)
+            return RawMesh(vertices, faces, source, licence, guessed_unit=unit, longest=longest, up=up)
         vertices = vertices * UNIT_LENGTHS[parameters.unit or "m"]
     elif parameters.recipe is not None:
         assert parameters.extents is not None
@@ -154,5 +193,5 @@ def raw_mesh(parameters: ObjectParameters | MeshParameters, name: str, read_from
         longest = longest_extent(vertices, faces)
         factor = parameters.fit_longest / longest if longest > 0 else 1.0
         source += f", scaled to a longest extent of {1000 * parameters.fit_longest:g} mm"
-        return RawMesh(vertices * factor, faces, source, licence)
-    return RawMesh(vertices * parameters.scale, faces, source, licence)
+        return RawMesh(vertices * factor, faces, source, licence, up=up)
+    return RawMesh(vertices * parameters.scale, faces, source, licence, up=up)

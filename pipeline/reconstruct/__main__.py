@@ -16,7 +16,7 @@ from pipeline.records.digests import digest, folder_digest
 from pipeline.records.parameters import load_with_workers
 from pipeline.records.parameters.names import require_name
 from pipeline.stages.code import own_fingerprint
-from pipeline.stages.items import Keep, Stage, make_by_hand, make_items, one_by_one
+from pipeline.stages.items import Keep, Stage, fingerprints_of, make_by_hand, make_items, one_by_one
 from pipeline.stages.outputs import Folders, files_in
 from pipeline.stages.running import run_stage
 
@@ -45,8 +45,6 @@ def reconstruct(only: str) -> None:
     if only:
         require_name(only, folders, "captures", kind="capture")
     names = [only] if only else list(folders)
-    for name in names:  # what is wrong with a folder is said before the long work on others
-        read_capture(folders[name])
 
     def work(name: str, keep: Keep) -> Work[None]:
         keep(name, _files(folders[name], settings, seed, workers))
@@ -56,8 +54,13 @@ def reconstruct(only: str) -> None:
         make_by_hand(STAGE, names, one_by_one(work), workers)
         return
     common = digest(own_fingerprint("reconstruct"), seed, settings)
-    fingerprints = {name: digest(common, folder_digest(folders[name], "capture")) for name in names}
-    make_items(STAGE, fingerprints, one_by_one(work), workers)
+
+    def fingerprint(name: str) -> str:
+        read_capture(folders[name])  # what is wrong with a folder is known before the long work on others
+        return digest(common, folder_digest(folders[name], "capture"))
+
+    fingerprints, refused = fingerprints_of(names, fingerprint)
+    make_items(STAGE, fingerprints, one_by_one(work), workers, refused)
 
 
 def _files(folder: Path, settings: ReconstructParameters, seed: int, workers: Workers) -> dict[str, bytes]:

@@ -1,23 +1,28 @@
 """Meshes and point clouds from untrusted files: nothing but the file itself is read.
 
 A mesh file can name others (materials and pictures of obj, glb and ply). They are not looked for: shape is all that is
-wanted, a picture can unpack to any size, and a name can lead to a device, a pipe or the network.
+wanted, a picture can unpack to any size, and a name can lead to a device, a pipe or the network. The one exception is a
+plain file beside a ``.gltf`` that holds its numbers.
 """
 
 from __future__ import annotations
 
 import io
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.records.gltf import shapes_alone
+from pipeline.records.packages import KINDS, check_unpacked, shape_in
+from pipeline.records.polygons import has_polygons, read_obj, read_off
+from pipeline.records.triangles import sound_stl
+
 if TYPE_CHECKING:
     import trimesh
 
-FORMATS = ("obj", "stl", "ply", "off", "glb")
+FORMATS = (*KINDS, "zip")
 MOST_TRIANGLES = 20_000_000  # 40 times the finest YCB scan; a scene of few bytes can repeat one mesh without end
 
 
@@ -27,7 +32,7 @@ def read_geometry(content: bytes, file_type: str, process: bool = False) -> Any:
     A scene becomes one mesh, its transforms applied.
 
     Args:
-        file_type: one of :data:`FORMATS`.
+        file_type: one of :data:`~pipeline.records.packages.KINDS`.
         process: whether equal vertices are merged.
 
     Raises:
@@ -35,11 +40,19 @@ def read_geometry(content: bytes, file_type: str, process: bool = False) -> Any:
     """
     import trimesh
 
-    if file_type not in FORMATS:
+    if file_type not in KINDS:
         raise ValueError(f"the format {file_type!r} is not read")
     try:
+        if file_type == "off" or (file_type == "obj" and has_polygons(content)):
+            vertices, faces = read_off(content) if file_type == "off" else read_obj(content)
+            _check_arrays(vertices, faces)
+            return trimesh.Trimesh(vertices, faces, process=process)
         if file_type == "glb":
-            _check_glb(content)
+            content = shapes_alone(content)
+        elif file_type == "stl":
+            content = sound_stl(content)
+        elif file_type in ("dae", "3mf"):
+            check_unpacked(content, file_type)
         loaded: Any = trimesh.load(
             io.BytesIO(content), file_type=file_type, resolver=None, process=process, skip_materials=True
         )
@@ -51,23 +64,14 @@ def read_geometry(content: bytes, file_type: str, process: bool = False) -> Any:
 
 
 def read_geometry_file(source: Path, process: bool = False) -> Any:
-    """Read a file whose ending is its format; see :func:`read_geometry`.
+    """Read a file whose ending is its format, or that is packed; see :func:`read_geometry`.
 
     Raises:
         OSError: it cannot be read.
         ValueError: it holds no shape that can be read.
     """
-    return read_geometry(source.read_bytes(), source.suffix.lower().lstrip("."), process)
-
-
-def _check_glb(content: bytes) -> None:
-    """Refuse counts without data, for which the reader would allocate memory, and nodes with several parents."""
-    header = json.loads(content[20 : 20 + int.from_bytes(content[12:16], "little")])
-    if any("bufferView" not in accessor for accessor in header.get("accessors", [])):
-        raise ValueError("it counts values that it does not hold")
-    children = [child for node in header.get("nodes", []) for child in node.get("children", [])]
-    if len(set(children)) < len(children):
-        raise ValueError("its nodes are not a tree")
+    shape = shape_in(source)
+    return read_geometry(shape.content, shape.kind, process)
 
 
 def _check_arrays(vertices: NDArray[Any], faces: NDArray[Any]) -> None:

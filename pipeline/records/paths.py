@@ -15,6 +15,7 @@ SUMMARY_FILE = Path("reports/summary.json")
 PAIRS_TABLE = Path("reports/pairs.parquet")
 CODE_FILE = Path("code.yaml")
 UNFINISHED_FOLDER = Path("data/.unfinished")
+LOGS_FOLDER = UNFINISHED_FOLDER / "logs"
 TRACKING_FILE = Path("reports/tracking.json")
 DURATIONS_FILE = Path("reports/durations.json")
 TRACKING_DATABASE = Path("mlflow.db")
@@ -83,3 +84,8 @@ def reconstruction_folder(name: str) -> Path:
 def items_file(stage: str) -> Path:
     """Fingerprints of the items that a stage's output holds, by key."""
     return Path("data/items") / f"{stage.replace('@', '-')}.json"
+
+
+def failures_file(stage: str) -> Path:
+    """Items that a stage could not compute when its command last ran, with reasons; absent if there were none."""
+    return items_file(stage).with_suffix(".failures.csv")

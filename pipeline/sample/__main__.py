@@ -25,7 +25,7 @@ from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters import chosen_pairs, load_with_workers
 from pipeline.records.parameters.names import require_name
 from pipeline.stages.code import own_fingerprint
-from pipeline.stages.items import Keep, Stage, make_by_hand, make_items, one_by_one
+from pipeline.stages.items import Keep, Stage, fingerprints_of, make_by_hand, make_items, one_by_one
 from pipeline.stages.outputs import TablesWithFigures
 from pipeline.stages.running import command, run_stage
 
@@ -79,7 +79,9 @@ def sample(source: str, only: str) -> None:
             points = (objects[0].surface_points, objects[1].surface_points)
             table, drawn, figures = yield from sampling(model, _request(parameters, hand, objects, points, seed))
             if source != paths.RECONSTRUCTED:
-                figures |= _against_known(checkpoint, hand, (first, second), _merged(first, second), drawn)
+                merged = _merged(first, second)
+                known = {"trained": (first, second) in checkpoint.pairs, "held_out": {}, "held_out_by_training": {}}
+                figures |= known if merged is None else _against_known(checkpoint, hand, (first, second), merged, drawn)
             keep(key, (output.rows(table), figures))
             print(f"{first} then {second}, {source}: {len(_accepted(table))} accepted of {len(table)} tried")
 
@@ -90,8 +92,10 @@ def sample(source: str, only: str) -> None:
         values = [parameters[name] for name in sections(source) if name not in ("styles", "pairs", "reconstructed")]
         files = [file_digest(paths.MODEL_FOLDER / name, "train") for name in ("model.json", "model.safetensors")]
         common = digest(own_fingerprint("sample"), source, values, files, hand_digest(hand.name))
-        fingerprints = {"/".join(key): digest(common, key, seen.digest(*key)) for key in keys}
-        make_items(stage, fingerprints, one_by_one(work), workers)
+        fingerprints, refused = fingerprints_of(
+            ["/".join(key) for key in keys], lambda key: digest(common, key.split("/"), seen.digest(*key.split("/")))
+        )
+        make_items(stage, fingerprints, one_by_one(work), workers, refused)
 
 
 def _checkpoint(hand: Hand) -> Checkpoint:
@@ -133,8 +137,9 @@ class _Prepared:
         from pipeline.records.flat import PAIR_GRASPS
         from pipeline.records.tables import arrow_table
 
-        merged = arrow_table(_merged(first, second), PAIR_GRASPS)
-        return digest(prepared_digest(first), prepared_digest(second), merged)
+        merged = _merged(first, second)
+        known = None if merged is None else arrow_table(merged, PAIR_GRASPS)
+        return digest(prepared_digest(first), prepared_digest(second), known)
 
 
 class _Reconstructions:
@@ -167,11 +172,16 @@ def _reconstructed(capture: str, name: str) -> PreparedObject:
     return object_of_reconstruction(load_reconstructed_object(capture, name))
 
 
-def _merged(first: str, second: str) -> pd.DataFrame:
-    """Return the merged grasps of a pair, with a column per object."""
+def _merged(first: str, second: str) -> pd.DataFrame | None:
+    """Return the merged grasps of a pair, with a column per object; None where there is no table.
+
+    They serve a figure of quality alone, which is left out then.
+    """
     from pipeline.records.flat import PAIR_GRASPS, pair_rows
     from pipeline.records.kept import kept_table
 
+    if not paths.merged_file(first).exists():
+        return None
     return pair_rows(kept_table(paths.merged_file(first), PAIR_GRASPS, "merge"), second)
 
 

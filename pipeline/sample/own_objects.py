@@ -10,13 +10,16 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import QhullError
 
+from pipeline.compute.guard import CallLost, guarded
 from pipeline.records.errors import UserError
-from pipeline.records.geometry import read_geometry_file
+from pipeline.records.geometry import FORMATS, read_geometry_file
 from pipeline.records.objects import PreparedObject
+from pipeline.sample.clouds import KINDS, cleaned, read_cloud
 from pipeline.shapes.solids import object_of_solid
 
 SMALLEST, LARGEST = 0.01, 0.4  # m, longest extent that a hand has to do with; outside, the unit is taken to be wrong
 LEAST_POINTS = 64
+READING_SECONDS, READING_MEGABYTES = 60, 4000  # that reading a file may take
 
 
 def load_own_object(source: Path) -> tuple[PreparedObject, NDArray[np.float64], NDArray[np.float64]]:
@@ -31,10 +34,20 @@ def load_own_object(source: Path) -> tuple[PreparedObject, NDArray[np.float64], 
             is of a size that no hand can grasp.
     """
     points, mesh = _read(source)
-    if not np.isfinite(points).all():
+    if mesh is None:
+        cloud = cleaned(points, str(source))
+        points = cloud.points
+        if cloud.dropped and len(points) >= LEAST_POINTS:
+            print(f"{source}: left out {' and '.join(cloud.dropped)}; {len(points)} points are used.", file=sys.stderr)
+        if len(points) < LEAST_POINTS:
+            without = f" without {' and '.join(cloud.dropped)}" if cloud.dropped else ""
+            raise UserError(
+                f"{source} holds {len(points)} points{without}; give at least {LEAST_POINTS}, all around the object."
+            )
+    elif not np.isfinite(points).all():
         raise UserError(f"{source} holds coordinates that are not numbers (NaN or infinite); remove those points.")
-    if len(points) < (4 if mesh is not None else LEAST_POINTS):
-        raise UserError(f"{source} holds {len(points)} points; give at least {LEAST_POINTS}, all around the object.")
+    if len(points) < 4:
+        raise UserError(f"{source} holds {len(points)} corners; give a mesh all around the object.")
     longest = float(np.ptp(points, axis=0).max())
     if not SMALLEST <= longest <= LARGEST:
         raise UserError(
@@ -65,15 +78,16 @@ def load_own_object(source: Path) -> tuple[PreparedObject, NDArray[np.float64], 
 def _read(source: Path) -> tuple[NDArray[np.float64], trimesh.Trimesh | None]:  # type: ignore[name-defined] # noqa: F821
     """Return points (n, 3) and the mesh that they are corners of, if there is one."""
     if not source.is_file():
-        raise UserError(f"{source} is missing; name a mesh (.ply, .stl, .obj, .off, .glb) or a cloud (.ply, .npy).")
+        raise UserError(
+            f"{source} is missing; name a mesh ({', '.join(f'.{kind}' for kind in FORMATS)}) or a cloud "
+            f"(.ply, {', '.join(KINDS)})."
+        )
     try:
-        if source.suffix == ".npy":
-            points = np.asarray(np.load(source, allow_pickle=False), np.float64)
-            if points.ndim != 2 or points.shape[1] < 3:
-                raise UserError(f"{source} has the shape {points.shape}; a cloud is an array of n x 3 metres.")
-            return points[:, :3], None
-        loaded = read_geometry_file(source, process=True)
-    except (OSError, ValueError, TypeError, EOFError, MemoryError) as error:
-        raise UserError(f"{source} cannot be read as a mesh or a point cloud ({type(error).__name__}).") from error
+        if source.suffix.lower() in KINDS:
+            return guarded(read_cloud, source, cpu_seconds=READING_SECONDS, megabytes=READING_MEGABYTES), None
+        loaded = guarded(read_geometry_file, source, True, cpu_seconds=READING_SECONDS, megabytes=READING_MEGABYTES)
+    except (CallLost, OSError, ValueError) as error:
+        said = " ".join(str(error).split()).rstrip(".") or type(error).__name__
+        raise UserError(f"{source} cannot be read as a mesh or a point cloud: {said}.") from error
     points = np.asarray(loaded.vertices, np.float64).reshape(-1, 3)
     return points, loaded if isinstance(loaded, trimesh.Trimesh) and len(loaded.faces) else None

@@ -123,7 +123,9 @@ def sampling(model: Shared[Model], request: SampleRequest) -> Work[tuple[pd.Data
         ((drawn, raw),) = yield Calls(partial(_draw, model, shared), [None], 0.0, 0.1)
         table = yield from checking(request, drawn)
         accepted = table.loc[table["rejected_by"] == "", "merged_id"].to_numpy(dtype="int64")
-        (ranked,) = yield Calls(partial(_quality, shared), [drawn.ranked.chosen(accepted)], 0.9)
+        ranked: dict[str, float] = {}  # where no sample is accepted
+        if len(accepted):
+            (ranked,) = yield Calls(partial(_quality, shared), [drawn.ranked.chosen(accepted)], 0.9)
     figures = {
         "drawn": len(drawn.ranked.grasps),
         "joint_violation_mean": float(drawn.joint_violation.mean()),

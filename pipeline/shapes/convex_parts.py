@@ -2,17 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from pipeline.compute.guard import CallLost, guarded
 from pipeline.records.parameters.prepare import PrepareParameters
 from pipeline.shapes.frame import as_saved
 from pipeline.shapes.mass import solid_properties
 
 HULL_TOLERANCE = 2e-5  # m; a part stops gaining vertices when nothing sticks out further
 
+MEGABYTES = 6000  # that CoACD may take
+
 Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to ask CoACD for parts."""
+
+    said: str
+    threshold: float  # of the setting
+    preprocessing: str  # CoACD's own remeshing
+    cpu_seconds: int
+
+
+# Tried in this order. Its search aborts or does not end on slivers that its remeshing, or a coarser goal, avoids.
+WAYS = (
+    Way("", 1.0, "auto", 60),
+    Way("found with its own remeshing of the solid", 1.0, "on", 40),
+    Way("found with twice the concavity threshold", 2.0, "auto", 20),
+)
 
 
 def convex_hull(points: NDArray[np.float64]) -> Mesh:
@@ -53,7 +76,9 @@ def reduced_hull(points: NDArray[np.float64], most_vertices: int) -> tuple[Mesh,
     return convex_hull(full[sorted(chosen)]), float(max(outside[furthest], 0.0))
 
 
-def _decomposed(vertices: NDArray[np.float64], faces: NDArray[np.int64], parameters: PrepareParameters) -> list[Mesh]:
+def _decomposed(
+    vertices: NDArray[np.float64], faces: NDArray[np.int64], parameters: PrepareParameters, way: Way
+) -> list[Mesh]:
     # CoACD's native library breaks a later import of Open3D in the same process (std::bad_cast), so that one is first.
     import open3d  # noqa: F401  # isort: skip
     import coacd
@@ -61,7 +86,8 @@ def _decomposed(vertices: NDArray[np.float64], faces: NDArray[np.int64], paramet
     coacd.set_log_level("error")
     parts = coacd.run_coacd(
         coacd.Mesh(vertices, faces.astype(np.int32)),
-        threshold=parameters.convex_threshold,
+        threshold=min(1.0, way.threshold * parameters.convex_threshold),
+        preprocess_mode=way.preprocessing,
         max_convex_hull=parameters.convex_parts,
         mcts_iterations=60,
         mcts_nodes=15,
@@ -72,23 +98,47 @@ def _decomposed(vertices: NDArray[np.float64], faces: NDArray[np.int64], paramet
     return [(np.asarray(v, np.float64), np.asarray(f, np.int64)) for v, f in parts]
 
 
+def _pieces(
+    vertices: NDArray[np.float64], faces: NDArray[np.int64], parameters: PrepareParameters
+) -> tuple[list[Mesh], str]:
+    """Return what CoACD makes of a solid, and what had to be done differently; an empty list if it fails every way."""
+    hows = []
+    for way in WAYS:
+        try:
+            pieces = guarded(
+                _decomposed, vertices, faces, parameters, way, cpu_seconds=way.cpu_seconds, megabytes=MEGABYTES
+            )
+        except CallLost as lost:
+            hows.append(str(lost))
+        except RuntimeError as error:  # whatever the library throws
+            hows.append(" ".join(str(error).split())[:80])
+        else:
+            usable = [piece for piece in pieces if len(piece[0]) >= 4]
+            if usable:
+                return usable, f"CoACD {hows[0]}; {way.said}" if hows else ""
+            hows.append("found no part")
+    return [], f"CoACD {hows[0]}; its convex hull stands for the object in physics"
+
+
 def convex_parts(
     vertices: NDArray[np.float64], faces: NDArray[np.int64], parameters: PrepareParameters
-) -> tuple[list[Mesh], float]:
-    """Return convex parts that together are the solid, and the largest distance (m) that a reduced part lost.
+) -> tuple[list[Mesh], float, str]:
+    """Return convex parts that together are the solid.
 
     A solid that fills its convex hull well enough (``parameters.hull_excess``) is one part. Vertices are rounded as
     they are saved.
+
+    Returns:
+        The parts, the largest distance (m) that a reduced part lost, and a remark if CoACD could not do it as set.
     """
     hull = convex_hull(vertices)
     volume = solid_properties(vertices, faces)[0]
-    if solid_properties(*hull)[0] <= (1 + parameters.hull_excess) * volume:
-        pieces = [hull]
-    else:
-        pieces = _decomposed(vertices, faces, parameters)
+    pieces, remark = [], ""
+    if solid_properties(*hull)[0] > (1 + parameters.hull_excess) * volume:
+        pieces, remark = _pieces(vertices, faces, parameters)
     parts, lost = [], 0.0
-    for piece, _ in pieces:
+    for piece, _ in pieces or [hull]:
         (part_vertices, part_faces), gap = reduced_hull(as_saved(piece), parameters.part_vertices)
         parts.append((part_vertices, part_faces))
         lost = max(lost, gap)
-    return parts, lost
+    return parts, lost, remark

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from pipeline.shapes.rays import ray_scene
 
 CHUNK = 1 << 17  # points per query; keeps memory low
+PER_CELL = 4  # places along each axis at which a cell is looked up for its volume
+RANDOM_POINTS = 100_000
 
 
 @dataclass(frozen=True)
@@ -50,3 +52,46 @@ def distance_grid(vertices: NDArray[np.float64], faces: NDArray[np.int64], cells
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     values = signed_distances(vertices, faces, points).reshape(tuple(shape))
     return DistanceGrid(values, origin, spacing)
+
+
+def enclosed_volume(grid: DistanceGrid) -> float:
+    """Return the volume (m3) inside the surface where trilinear look-ups of a grid are zero.
+
+    Gaps and walls thinner than a cell are not in the grid, so it differs from the solid's own volume.
+    """
+    values = grid.values
+    corners = np.stack(
+        [
+            values[i : i - 1 or None, j : j - 1 or None, k : k - 1 or None]
+            for i in (0, 1)
+            for j in (0, 1)
+            for k in (0, 1)
+        ],
+        axis=-1,
+    )
+    low, high = corners.min(axis=-1), corners.max(axis=-1)
+    whole = int((high <= 0).sum())
+    mixed = corners[(low < 0) & (high > 0)].astype(np.float64)
+    middle = (np.arange(PER_CELL) + 0.5) / PER_CELL
+    x, y, z = (each.ravel() for each in np.meshgrid(middle, middle, middle, indexing="ij"))
+    weights = np.stack(
+        [
+            (x if i else 1 - x) * (y if j else 1 - y) * (z if k else 1 - z)
+            for i in (0, 1)
+            for j in (0, 1)
+            for k in (0, 1)
+        ]
+    )
+    inside = sum(float((mixed[begin : begin + CHUNK] @ weights < 0).sum()) for begin in range(0, len(mixed), CHUNK))
+    return (whole + inside / PER_CELL**3) * grid.spacing**3
+
+
+def volume_by_rays(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> float:
+    """Return the volume (m3) of the points from which rays meet a surface an odd number of times.
+
+    It differs from :func:`~pipeline.shapes.mass.solid_properties` where a surface passes through itself: the latter
+    counts twice there, and rays take for outside what is inside. Random points: exact to about 1 %.
+    """
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    points = low + np.random.default_rng(0).random((RANDOM_POINTS, 3)) * (high - low)
+    return float((signed_distances(vertices, faces, points) < 0).mean() * np.prod(high - low))

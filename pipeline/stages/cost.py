@@ -34,7 +34,8 @@ def _cost_of_worker(process: int) -> tuple[float, int]:
     except OSError:
         return 0.0, 0
     peak = next((line.split()[1] for line in status.splitlines() if line.startswith("VmHWM:")), "0")
-    return (int(fields[11]) + int(fields[12])) / TICKS_PER_SECOND, int(peak)
+    # Its own time, and that of the children that it has waited for: calls in processes of their own.
+    return sum(map(int, fields[11:15])) / TICKS_PER_SECOND, int(peak)
 
 
 def cost_so_far() -> tuple[float, float]:

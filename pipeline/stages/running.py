@@ -9,6 +9,7 @@ import json
 import os
 import sys
 import time
+import traceback
 from collections.abc import Callable
 from typing import ParamSpec
 
@@ -16,9 +17,10 @@ from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.writing import write_json
 from pipeline.stages.cost import cost_so_far
+from pipeline.stages.failures import defect, write_log
 
 Arguments = ParamSpec("Arguments")
-REFUSED = 2  # exit code
+DEFECTIVE, REFUSED, INTERRUPTED = 1, 2, 130  # exit codes
 
 
 def _record_duration(item: str, wall_seconds: float) -> None:
@@ -43,8 +45,8 @@ def _record_duration(item: str, wall_seconds: float) -> None:
 def command(name: str) -> Callable[[Callable[Arguments, int]], Callable[Arguments, int]]:
     """Return a decorator for what a command does, a function that returns its exit code.
 
-    A :class:`UserError`, and a file or disk that cannot be used, end in one line on stderr and exit code 2; anything
-    else is a defect of ours and keeps its traceback.
+    A :class:`UserError`, and a file or disk that cannot be used, end in one line on stderr and exit code 2. Anything
+    else is a defect of ours: one line, too, with the path of a log that holds the traceback, and exit code 1.
 
     Args:
         name: of the command; the line begins with it.
@@ -63,13 +65,25 @@ def command(name: str) -> Callable[[Callable[Arguments, int]], Callable[Argument
                 elif error.filename is not None:
                     sentence = f"cannot use {os.fspath(error.filename)}: {error.strerror}."
                 else:
-                    raise
+                    return _defective(name, error)
+            except KeyboardInterrupt:
+                print(f"{name}: interrupted; run again to go on.", file=sys.stderr)
+                return INTERRUPTED
+            except Exception as error:
+                return _defective(name, error)
             print(f"{name}: {sentence}", file=sys.stderr)
             return REFUSED
 
         return run
 
     return decorated
+
+
+def _defective(name: str, error: Exception) -> int:
+    """Say that the program is at fault, with the path of a log, and return the exit code."""
+    log = write_log(name, traceback.format_exc())
+    print(f"{name}: stopped by {defect(error)}; please report it with the log {log}.", file=sys.stderr)
+    return DEFECTIVE
 
 
 def run_stage(item: str, work: Callable[[], None]) -> int:

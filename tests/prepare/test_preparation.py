@@ -94,7 +94,10 @@ def box():
 def test_own_files_of_any_format(box, tmp_path, suffix):
     path = tmp_path / f"mug.{suffix}"
     box.export(path)
-    np.testing.assert_allclose(prepare_file(path).extents, (0.04, 0.05, 0.06), atol=1e-6)
+    # The standard of glTF says that y is up.
+    stood = (0.04, 0.06, 0.05) if suffix == "glb" else (0.04, 0.05, 0.06)
+    np.testing.assert_allclose(prepare_file(path).extents, stood, atol=1e-6)
+    np.testing.assert_allclose(prepare_file(path, up="+z").extents, (0.04, 0.05, 0.06), atol=1e-6)
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1, "m"), (100, "cm"), (1000, "mm")], ids=lambda value: str(value))

@@ -5,7 +5,7 @@ import yaml
 from pydantic import BaseModel
 
 from pipeline.records.errors import UserError
-from pipeline.records.parameters import Parameters, load_parameters, read_parameters
+from pipeline.records.parameters import Parameters, load_parameters, read_parameters, require_conditions
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def check(tmp_path):
         source = tmp_path / "params.yaml"
         source.write_text(yaml.safe_dump(changed, sort_keys=False))
         with pytest.raises(UserError) as caught:
-            read_parameters(source)
+            require_conditions(read_parameters(source), source)
         text = str(caught.value)
         assert "\n" not in text and str(source) in text
         return text
@@ -110,6 +110,22 @@ def test_the_committed_file_is_valid(repository):
 )
 def test_a_wrong_value_is_named_in_one_sentence(content, check, path, value, named):
     assert named in check(with_value(content, path, value))
+
+
+@pytest.mark.parametrize(
+    ("path", "value"), [("conditions.pairs", [["cube", "lemon"]]), ("conditions.trials", 26)], ids=["pairs", "trials"]
+)
+def test_conditions_refuse_only_what_uses_them(content, tmp_path, path, value):
+    """The folder faults/stage-whole-loss: the sections of a source's trials, of sampling, and of the conditions."""
+    from pipeline.evaluate import conditions, inputs
+    from pipeline.sample.__main__ import sections
+
+    source = tmp_path / "params.yaml"
+    source.write_text(yaml.safe_dump(with_value(content, path, value)))
+    load_parameters(inputs.sections("synthesized"), source)
+    load_parameters(sections("learned"), source)
+    with pytest.raises(UserError, match=f"{path}"):
+        load_parameters(conditions.sections(), source)
 
 
 @pytest.mark.parametrize("folder", ["data/raw/my_capture", "data/raw/lab/monday/", "data/capture/demo/"])

@@ -60,7 +60,7 @@ def test_what_cannot_be_used_is_one_sentence(tmp_path):
     cloud = np.random.default_rng(0).uniform(-0.03, 0.03, (200, 3))
     refused(np.zeros((0, 3)), "holds 0 points")
     refused(cloud[:10], "holds 10 points")
-    refused(np.full((100, 3), np.nan), "not numbers")
+    refused(np.full((100, 3), np.nan), "holds 0 points without 100 points that are no numbers; give at least 64")
     refused(1000 * cloud, "scale it to metres")
     refused(0.001 * cloud, "scale it to metres")
     refused(cloud[:, :2], "n x 3")

@@ -1,11 +1,16 @@
+from types import SimpleNamespace
+
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pipeline.compute.pool import Calls
 from pipeline.hand.model import load_hand
 from pipeline.model.representation import GraspBatch
 from pipeline.records.parameters import read_parameters
 from pipeline.records.poses import inverse_pose
+from pipeline.sample import proposals
 from pipeline.sample.contacts import choose_contacts, choose_fingers
 from pipeline.sample.proposals import quality
 from pipeline.sample.quality import grasp_distances, nearest_samples, penetration_depth
@@ -35,6 +40,30 @@ def grasps(count: int, position0, position1, seed: int = 0) -> GraspBatch:
         T[:, slot, :3, 3] = np.asarray(position) + 0.002 * rng.normal(size=(count, 3))
     q = np.clip(rng.normal(0.5, 0.1, (count, 16)), HAND.lower, HAND.upper)
     return GraspBatch(T, q)
+
+
+def test_a_pair_of_which_no_sample_is_accepted_has_no_figures_of_accepted_ones(monkeypatch):
+    """The folder faults/stage-whole-loss: this was a traceback, and the pair took others along."""
+    table = pd.DataFrame({"rejected_by": ["penetration"] * 3, "merged_id": range(3)})
+
+    def checking(request, drawn):
+        yield Calls(len, [])
+        return table
+
+    monkeypatch.setattr(proposals, "checking", checking)
+    drawn = SimpleNamespace(ranked=SimpleNamespace(grasps=[1, 2, 3]), joint_violation=np.zeros(3))
+    work = proposals.sampling(None, SimpleNamespace())
+    next(work)
+    work.send([(drawn, {"penetration_mm_median": 1.0})])
+    with pytest.raises(StopIteration) as end:
+        work.send([])
+    assert end.value.value[0] is table
+    assert end.value.value[2] == {
+        "drawn": 3,
+        "joint_violation_mean": 0.0,
+        "raw": {"penetration_mm_median": 1.0},
+        "ranked": {},
+    }
 
 
 def test_slopes_of_the_objects_overlap_are_those_of_differences(pair):

@@ -143,7 +143,7 @@ def test_two_joined_boxes_are_two_convex_parts() -> None:
         (0.02, 0.03, 0.06), transform=trimesh.transformations.translation_matrix([0.03, 0, 0.03])
     )
     solid = trimesh.boolean.union([foot, post], engine="manifold")
-    parts, _ = convex_parts(np.asarray(solid.vertices), np.asarray(solid.faces), PrepareParameters())
+    parts, _, _ = convex_parts(np.asarray(solid.vertices), np.asarray(solid.faces), PrepareParameters())
     assert len(parts) == 2
     union = trimesh.boolean.union([trimesh.Trimesh(*part) for part in parts], engine="manifold")
     assert union.volume == pytest.approx(solid.volume, rel=0.03)

@@ -19,5 +19,5 @@ def dented_box() -> trimesh.Trimesh:
 @pytest.mark.parametrize(("hull_excess", "single"), [(0.15, True), (0.14, False)])
 def test_hull_is_the_only_part_up_to_the_excess(dented_box: trimesh.Trimesh, hull_excess: float, single: bool) -> None:
     parameters = PrepareParameters(hull_excess=hull_excess)
-    parts, _ = convex_parts(np.asarray(dented_box.vertices), np.asarray(dented_box.faces), parameters)
+    parts, _, _ = convex_parts(np.asarray(dented_box.vertices), np.asarray(dented_box.faces), parameters)
     assert (len(parts) == 1) == single

@@ -1,5 +1,6 @@
 """Only items that were not made before are computed, with real DVC; outputs have the bytes of a run from nothing."""
 
+import json
 import os
 import random
 import shutil
@@ -40,7 +41,8 @@ class Project:
         self.log.write_text("")
         (self.folder / "params.yaml").write_text(yaml.safe_dump(self.parameters))
         done = self.run("dvc", "repro", *options, **environment)
-        assert (done.returncode == 0) != ("KILL" in environment), done.stderr
+        assert (done.returncode == 0) != bool({"KILL", "FAIL", "REFUSE"} & environment.keys()), done.stderr
+        self.said = done.stdout + done.stderr
         return sorted(self.log.read_text().split())
 
     def output(self) -> dict[str, bytes]:
@@ -114,6 +116,44 @@ def test_a_killed_stage_loses_the_item_that_it_was_at(project):
     project.parameters["code"] = 2
     assert project.repro(KILL="b/1") == ["a/1", "a/2", "b/1"]
     assert project.repro() == ["b/1", "b/2", "b/3"]
+    assert project.output() == project.from_nothing()
+
+
+@pytest.mark.parametrize("project", ["tables", "folders"], indirect=True)
+def test_a_failing_item_takes_no_other_with_it(project):
+    """The folder faults/stage-whole-loss: the others are finished, and the next run of DVC takes them over."""
+    project.parameters["code"] = 2
+    assert len(project.repro(FAIL="b/1", REFUSE="a/2 b/3")) == 5
+    assert (
+        "squares: 3 of 5 numbers failed, the others are kept; all reasons are in data/items/squares.failures.csv; the "
+        "first (and 2 more): a/2: 2 is no number that can be squared; give another." in project.said
+    )
+    assert "Traceback" not in project.said
+    rows = (project.folder / "data/items/squares.failures.csv").read_text().splitlines()
+    assert rows == [
+        "item,reason,log",
+        "a/2,a/2: 2 is no number that can be squared; give another.,",
+        "b/1,a defect of the program (ValueError: 3 cannot be squared); its log is "
+        "data/.unfinished/logs/squares.b-1.log,data/.unfinished/logs/squares.b-1.log",
+        "b/3,b/3: 5 is no number that can be squared; give another.,",
+    ]
+    assert "ValueError: 3 cannot be squared" in (project.folder / "data/.unfinished/logs/squares.b-1.log").read_text()
+    assert list(json.loads(project.output()["data/items/squares.json"])) == ["a/1", "b/2"]
+    assert project.repro(FAIL="b/1") == ["a/2", "b/1", "b/3"], "items that were finished are computed again"
+    assert project.repro() == ["b/1"]
+    assert project.output() == project.from_nothing(), "the table of failures is still there, or a result differs"
+
+
+def test_a_failing_new_item_leaves_those_of_the_last_run(project):
+    project.parameters["numbers"]["c"] = {1: 7}
+    assert project.repro(FAIL="c/1") == ["c/1"]
+    assert project.repro(FAIL="c/1") == ["c/1"]
+    del project.parameters["numbers"]["c"]
+    assert project.repro() == []
+    # DVC restores the last run, without the command: the table is still that of the command's last run.
+    table = project.folder / "data/items/squares.failures.csv"
+    assert table.read_text().startswith("item,reason,log\nc/1,")
+    table.unlink()
     assert project.output() == project.from_nothing()
 
 

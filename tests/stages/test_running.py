@@ -1,8 +1,7 @@
 import json
 import subprocess
 import sys
-
-import pytest
+from pathlib import Path
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
@@ -31,9 +30,30 @@ def test_operating_system_error_names_the_file(empty_folder, capsys):
     assert capsys.readouterr().err == "merge: cannot use absent.txt: No such file or directory.\n"
 
 
-def test_a_defect_keeps_its_traceback(empty_folder):
-    with pytest.raises(ZeroDivisionError):
-        run_stage("merge", lambda: 1 / 0)
+def test_a_defect_is_one_line_with_the_path_of_its_traceback(empty_folder, capsys):
+    assert run_stage("merge", lambda: 1 / 0) == 1
+    assert capsys.readouterr().err == (
+        "merge: stopped by a defect of the program (ZeroDivisionError: division by zero); please report it with the "
+        "log data/.unfinished/logs/merge.log.\n"
+    )
+    assert "ZeroDivisionError: division by zero" in Path("data/.unfinished/logs/merge.log").read_text()
+
+
+def test_a_log_goes_elsewhere_where_the_project_cannot_be_written(empty_folder, capsys, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(empty_folder / "other"))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    (empty_folder / "other").mkdir()
+    (empty_folder / "data").write_text("a file where the folder should be")
+    assert run_stage("merge", lambda: [][0]) == 1
+    assert f"the log {empty_folder}/other/merge.log." in capsys.readouterr().err
+
+
+def test_an_interrupted_command_says_so(empty_folder, capsys):
+    def work():
+        raise KeyboardInterrupt
+
+    assert run_stage("merge", work) == 130
+    assert capsys.readouterr().err == "merge: interrupted; run again to go on.\n"
 
 
 def test_damaged_durations_do_not_stop_a_stage(empty_folder):

@@ -1,6 +1,6 @@
 """A stage of items for the tests: squares numbers of ``params.yaml`` into ``out``; notes which it computed in ``log``.
 
-An item named in the environment variable ``KILL`` ends the process that computes it.
+An item named in the environment variable ``KILL`` ends the process that computes it; those in ``FAIL`` raise an error.
 """
 
 import os
@@ -13,8 +13,10 @@ import yaml
 
 from pipeline.compute.pool import Calls
 from pipeline.records.digests import digest
+from pipeline.records.errors import UserError
 from pipeline.stages.items import Stage, make_items
 from pipeline.stages.outputs import Folders, Tables
+from pipeline.stages.running import run_stage
 
 SCHEMA = pa.schema([("name", pa.string()), ("part", pa.int32()), ("square", pa.list_(pa.float64()))])
 
@@ -25,6 +27,10 @@ def square(key_and_value):
         log.write(f"{key}\n")
     if os.environ.get("KILL") == key:
         os.kill(os.getpid(), signal.SIGKILL)
+    if key in os.environ.get("FAIL", "").split():
+        raise ValueError(f"{value} cannot be squared")
+    if key in os.environ.get("REFUSE", "").split():
+        raise UserError(f"{key}: {value} is no number that can be squared; give another.")
     return value * value
 
 
@@ -52,4 +58,4 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(run_stage("squares", main))

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import io
+import json
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +15,12 @@ import pytest
 from hypothesis import given
 
 from pipeline.records.flat import PAIR_GRASPS, read_flat
+from pipeline.records.gltf import split
 from pipeline.records.tables import MERGED, read_table, write_table
 from tests.evaluate.conftest import GROUPS, HAND
 from tests.pairs import PAIR
+from tests.records.test_shapes_of_strangers import collada, threemf
+from tests.sample.test_clouds import pcd
 from tests.trust.damage import damaged, edits, examples, valid_or_one_sentence
 
 
@@ -38,6 +44,15 @@ def meshes() -> dict[str, bytes]:
     found["ascii.ply"] = box.export(file_type="ply", encoding="ascii")
     found["stl_ascii.stl"] = found.pop("stl_ascii")
     found["cloud.npy"] = _npy(np.asarray(box.vertices))
+    found["cloud.pcd"] = pcd(np.repeat(np.asarray(box.vertices), 9, axis=0), "ascii")
+    found["box.3mf"], found["box.dae"] = threemf(), collada()
+    header, binary = split(found["glb"])
+    inline = "data:application/octet-stream;base64," + base64.b64encode(binary).decode()
+    found["box.gltf"] = json.dumps(header | {"buffers": [{"byteLength": len(binary), "uri": inline}]})
+    target = io.BytesIO()
+    with zipfile.ZipFile(target, "w") as archive:
+        archive.writestr("box.off", found["off"])
+    found["box.zip"] = target.getvalue()
     return {
         name if "." in name else f"box.{name}": content.encode() if isinstance(content, str) else content
         for name, content in found.items()
@@ -51,9 +66,10 @@ def _npy(array: np.ndarray) -> bytes:
 
 
 MESHES = ["box.obj", "box.stl", "stl_ascii.stl", "box.ply", "ascii.ply", "box.off", "box.glb", "painted.glb"]
+MESHES += ["box.gltf", "box.3mf", "box.dae", "box.zip"]
 
 
-@pytest.mark.parametrize("name", [*MESHES, "cloud.npy"])
+@pytest.mark.parametrize("name", [*MESHES, "cloud.npy", "cloud.pcd"])
 @examples(5)
 @given(changes=edits)
 def test_meshes(place, meshes, name, changes):
@@ -62,7 +78,7 @@ def test_meshes(place, meshes, name, changes):
 
     source = place / name
     source.write_bytes(damaged(meshes[name], changes))
-    if not name.endswith(".npy"):
+    if not name.startswith("cloud."):
         valid_or_one_sentence(lambda: load_triangles(source, "meshes.box"))
     valid_or_one_sentence(lambda: load_own_object(source))
     source.unlink()

@@ -221,10 +221,14 @@ class Parameters(Section):
                 )
         return self
 
-    @model_validator(mode="after")
-    def _conditions_agree(self) -> Parameters:
+    def check_conditions(self) -> None:
+        """Hold `conditions` against the other sections; only what reads them is refused for them.
+
+        Raises:
+            ValueError: they do not agree.
+        """
         if self.hand != ALLEGRO:  # then nothing reads them, and a composed file keeps those of its scale
-            return self
+            return
         known = set(self.sequences())
         for names in self.conditions.pairs:
             if names not in known:
@@ -249,7 +253,6 @@ class Parameters(Section):
                     under(condition, engine, self.evaluate, self.physics)
                 except ValueError as error:
                     raise ValueError(f"{where} with {engine}: {error}") from error
-        return self
 
     @model_validator(mode="after")
     def _stages_agree(self) -> Parameters:
@@ -321,6 +324,8 @@ def load_with_workers(
     parameters = read_parameters(source)
     if any(name.split(".")[0] in _OF_THE_ALLEGRO for name in sections):
         require_allegro(parameters, source)
+    if any(name.split(".")[0] == "conditions" for name in sections):
+        require_conditions(parameters, source)
     return {name: _section(parameters, name, source) for name in sections}, parameters.compute
 
 
@@ -373,6 +378,14 @@ def require_allegro(parameters: Parameters, source: Path = paths.PARAMETERS_FILE
             f"model, the report) requires the {ALLEGRO}; run `./dev repro validate@pinch` for single-object grasps of "
             f"this hand, or `./dev compose demo` to return to the {ALLEGRO}."
         )
+
+
+def require_conditions(parameters: Parameters, source: Path = paths.PARAMETERS_FILE) -> None:
+    """Refuse conditions (:class:`UserError`) that do not agree with what else the file says."""
+    try:
+        parameters.check_conditions()
+    except ValueError as error:
+        raise UserError(f"{source}: {str(error).removesuffix('.')}.") from error
 
 
 def _section(parameters: Parameters, name: str, source: Path) -> Any:

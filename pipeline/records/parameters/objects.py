@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -80,7 +80,27 @@ class MeshParameters(_Shape):
     file: str = Field(description="Path of the mesh file, which must be below data/raw, such as data/raw/mug.stl.")
     unit: Literal["m", "cm", "mm", "inch"] | None = Field(
         None,
-        description="Length unit of the mesh file. If omitted, it is guessed from the object's size, with a warning.",
+        description="Length unit of the mesh file. If omitted, the file's own if it names one (3mf, dae), or guessed "
+        "from the object's size, with a warning.",
+    )
+    up: Literal["+x", "-x", "+y", "-y", "+z", "-z"] | None = Field(  # type: ignore[assignment]
+        None,
+        description="Axis of the file that points up when the object stands ready to be grasped. If omitted: +y for "
+        "glb and gltf, as that format's standard says; the axis that a dae file names; +z for all others.",
+    )
+    bodies: Literal["refuse", "largest", "all"] | Annotated[int, Field(ge=1)] = Field(
+        "refuse",
+        description="What to do with a mesh of several separate bodies: refuse it, take the largest, take all as one "
+        "rigid object, or take one by its number (1 is the largest).",
+    )
+    wall: float | None = Field(
+        None,
+        gt=0,
+        le=0.05,
+        description="[m] Thickness that is given to a surface without one, such as a cup modelled as a single sheet.",
+    )
+    accept_repair: bool = Field(
+        False, description="Take the mesh even if its repair changes the shape by more than the limits allow."
     )
 
 
