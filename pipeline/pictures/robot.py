@@ -14,7 +14,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from pipeline.hand.model import Hand
-from pipeline.hand.robot import compose_robot, robot_joint_names
+from pipeline.hand.robot import all_joint_names, all_positions, compose_robot
 from pipeline.hand.urdf import origin_matrix
 from pipeline.pictures.decimation import Mesh, decimated
 from pipeline.pictures.render import Body, corner_normals
@@ -84,14 +84,14 @@ def _visuals(arm: bool, hand: Hand) -> tuple[_Visual, ...]:
 def _kinematics(arm: bool, hand: Hand) -> tuple[Any, Any, NDArray[np.int64]]:
     """Pinocchio's model, and where each of our joints stands in its configuration vector."""
     model = pinocchio.buildModelFromXML(compose_robot(arm, visuals=False, hand=hand))
-    names = robot_joint_names(hand) if arm else hand.joint_names
+    names = all_joint_names(arm, hand)
     return model, model.createData(), np.array([model.joints[model.getJointId(name)].idx_q for name in names])
 
 
 def _bodies(arm: bool, hand: Hand, T_world_root: NDArray[np.float64], q: NDArray[np.float64]) -> list[Body]:
     model, data, index = _kinematics(arm, hand)
     configuration = np.zeros(model.nq)
-    configuration[index] = q
+    configuration[index] = all_positions(arm, hand, q)
     pinocchio.framesForwardKinematics(model, data, configuration)
     return [
         visual.body.placed(T_world_root @ data.oMf[model.getFrameId(visual.link)].homogeneous)
