@@ -1,263 +1,290 @@
-"""Boxes and balls fitted to convex solids: how far the two surfaces are from each other, both ways, at most.
+"""Boxes and balls fitted to convex solids, one after the other where the worst is, until all are near enough.
 
-Boxes stand along the axes of the link, as the energy kernel wants them. A few families are tried: one box or ball, slabs
-along an axis, balls in a row, a box with balls at its ends; each with a grid of sizes around the solid's own.
+Boxes stand along the axes of the link, as the energy kernel wants them. A region begins as a whole solid and is halved
+along the axis that serves best; each region gets the best box, out of a grid of shrunken sizes, or ball. Solids of a
+link that lose little by it become one region. The error of a fit is the largest distance of points on the solids'
+surface from that of boxes and balls, and of points on boxes and balls beyond the solids.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
 
-MOST_PARTS = 5  # of a fit to one solid
-SAMPLES = 160  # points on the surface of a solid while fitting
-EXACT_SAMPLES = 1500  # and when the error of a fit is measured
-SHRINKS = np.array([0.0, 0.06, 0.12, 0.18])  # of a box, as a share of the solid's extent
-BALL_RATIOS = np.array([0.85, 0.92, 1.0, 1.08])
+SAMPLES = 200  # points on the surface of a solid while fitting
+SHRINKS = np.array(list(product((0.0, 0.06, 0.12, 0.18), repeat=3)))  # of boxes, as shares of the region's extents
 CORNERS = np.array([p for p in product((-1.0, 0.0, 1.0), repeat=3) if any(p)])  # of a box, and of its edges and faces
 AROUND = np.array(trimesh.creation.icosphere(subdivisions=1).vertices)  # directions of points on a ball
-SUPPORTS = np.array(trimesh.creation.icosphere(subdivisions=3).vertices)
+SUPPORTS = np.array(trimesh.creation.icosphere(subdivisions=2).vertices)  # where corners of fine meshes are looked for
+FARTHEST = 60  # points of a fit whose distance from the solids is computed exactly
+NEAR = 1e-4  # m, that count as touching
+MOST_OF_LINK = 16  # regions of a link, unless it has more shapes
+SMALLEST = 0.004  # m; regions that are smaller are not halved
 
 
 @dataclass(frozen=True)
-class Parts:
-    """Boxes and balls as one list, ``half`` 0 for balls and ``radius`` 0 for boxes, link frame."""
+class Part:
+    """A box (``radius`` 0) or a ball (``half`` 0), link frame."""
 
-    centre: NDArray[np.float64]  # (..., n, 3)
-    half: NDArray[np.float64]  # (..., n, 3)
-    radius: NDArray[np.float64]  # (..., n)
-
-    def __len__(self) -> int:
-        return self.centre.shape[-2]
-
-    def pick(self, index: int) -> Parts:
-        """Return one of a batch."""
-        return Parts(self.centre[index], self.half[index], self.radius[index])
+    centre: NDArray[np.float64]  # (3,)
+    half: NDArray[np.float64]  # (3,)
+    radius: float
 
     def distances(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return signed distances (..., n, m) of points (..., m, 3) to every part."""
-        beyond = np.abs(points[..., None, :, :] - self.centre[..., :, None, :]) - self.half[..., :, None, :]
-        outside = np.sqrt((np.maximum(beyond, 0.0) ** 2).sum(-1))
-        return outside + np.minimum(beyond.max(-1), 0.0) - self.radius[..., None]
+        """Return signed distances (n,) of points (n, 3), m."""
+        beyond = np.abs(points - self.centre) - self.half
+        return np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(1), 0.0) - self.radius
 
     def surface(self) -> NDArray[np.float64]:
-        """Return points (..., n, 42, 3) on every part."""
-        on_box = np.concatenate([CORNERS, CORNERS[: len(AROUND) - len(CORNERS)]])
-        return self.centre[..., None, :] + self.half[..., None, :] * on_box + self.radius[..., None, None] * AROUND
+        """Return points (n, 3) on the surface."""
+        if self.radius > 0:
+            return self.centre + self.radius * SUPPORTS
+        box = trimesh.creation.box(2 * self.half)
+        points = np.concatenate([trimesh.sample.sample_surface(box, 150, seed=2)[0], CORNERS * self.half])
+        return points + self.centre
 
 
 class Solid:
-    """A convex solid in its link's frame, with its surface sampled."""
+    """A convex solid in its link's frame, with points on its surface."""
 
     def __init__(self, mesh: trimesh.Trimesh) -> None:
-        self.mesh = mesh
         vertices = np.asarray(mesh.vertices)
         if len(vertices) > len(SUPPORTS):
             vertices = vertices[np.unique((vertices @ SUPPORTS.T).argmax(0))]
         self.hull = trimesh.Trimesh(vertices).convex_hull
-        normals = self.hull.face_normals
-        planes = np.column_stack([normals, np.einsum("ni,ni->n", normals, self.hull.triangles[:, 0])])
-        self.planes = planes[np.unique(np.round(planes, 7), axis=0, return_index=True)[1]]
-        sampled = trimesh.sample.sample_surface(self.hull, SAMPLES, seed=0)[0]
-        corners = np.asarray(self.hull.vertices)
-        self.samples = np.concatenate([sampled, corners[:: max(1, len(corners) // 64)]])
+        planes = np.column_stack(
+            [self.hull.face_normals, np.einsum("ni,ni->n", self.hull.face_normals, self.hull.triangles[:, 0])]
+        )
+        self.planes = planes[np.unique(np.round(planes, 6), axis=0, return_index=True)[1]]
+        self.low, self.high = vertices.min(0), vertices.max(0)
+
+    def sampled(self, count: int, seed: int) -> NDArray[np.float64]:
+        """Return points (n, 3) on the surface, corners among them."""
+        return np.concatenate([trimesh.sample.sample_surface(self.hull, count, seed=seed)[0], self.hull.vertices])
 
     def depths(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return signed distances (...) of points (..., 3): exact inside, a lower bound outside."""
-        flat = points.reshape(-1, 3)
-        found = (flat @ self.planes[:, :3].T - self.planes[:, 3]).max(1)
-        return found.reshape(points.shape[:-1])
+        """Return signed distances (n,) of points (n, 3): exact inside, a lower bound outside."""
+        found = np.maximum(self.low - points, points - self.high).max(1)
+        near = found < NEAR
+        found[near] = (points[near] @ self.planes[:, :3].T - self.planes[:, 3]).max(1)
+        return found
 
     def exact(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return exact signed distances (n,) of points (n, 3)."""
+        """Return exact distances (n,) of points (n, 3) that are outside."""
         triangles = np.asarray(self.hull.triangles)
-        closest = np.full(len(points), np.inf)
-        for first in range(0, len(triangles), 64):
-            chunk = triangles[first : first + 64]
-            near = trimesh.triangles.closest_point(
-                np.tile(chunk, (len(points), 1, 1)), np.repeat(points, len(chunk), axis=0)
-            )
-            away = np.linalg.norm(near - np.repeat(points, len(chunk), axis=0), axis=1).reshape(len(points), -1)
-            closest = np.minimum(closest, away.min(1))
-        return np.where(self.depths(points) > 0, closest, -closest)
+        pairs = np.repeat(points, len(triangles), axis=0)
+        near = trimesh.triangles.closest_point(np.tile(triangles, (len(points), 1, 1)), pairs)
+        found: NDArray[np.float64] = np.linalg.norm(near - pairs, axis=1).reshape(len(points), -1).min(1)
+        return found
 
 
-@dataclass(frozen=True)
-class Fit:
-    """Parts in place of one or several solids."""
+class Region:
+    """Solids of a link, or what of one lies between bounds, represented by one box or ball."""
 
-    parts: Parts
-    error: float  # m
+    def __init__(
+        self,
+        solids: Sequence[Solid],
+        of_link: Sequence[Solid],
+        corners: Sequence[NDArray[np.float64]],
+        samples: NDArray[np.float64],
+        known: Part | None = None,
+    ) -> None:
+        """Take what of ``solids`` has ``corners`` (n, 3) each, with its visible ``samples`` (n, 3)."""
+        self.solids, self.of_link, self.corners, self.samples, self.known = solids, of_link, corners, samples, known
+        self.is_whole = False
 
-
-class Cluster:
-    """Solids of one link that are fitted together, among the others of that link."""
-
-    def __init__(self, solids: Sequence[Solid], others: Sequence[Solid] = ()) -> None:
-        self.solids, self.others = tuple(solids), tuple(others)
-        samples = []
+    @classmethod
+    def whole(cls, solids: Sequence[Solid], of_link: Sequence[Solid], known: Part | None = None) -> Region:
+        """Return the region of some solids of a link; ``known`` is what the only one is, if it is a box or ball."""
+        seen = []
         for one in solids:
-            hidden = np.zeros(len(one.samples), dtype=bool)
-            for other in (*solids, *others):
+            points = one.sampled(SAMPLES, 0)
+            hidden = np.zeros(len(points), dtype=bool)
+            for other in of_link:
                 if other is not one:
-                    hidden |= other.depths(one.samples) < -1e-4
-            samples.append(one.samples[~hidden])
-        self.samples = np.concatenate(samples)
+                    hidden |= other.depths(points) < -NEAR
+            seen.append(points[~hidden])
+        region = cls(solids, of_link, [np.asarray(one.hull.vertices) for one in solids], np.concatenate(seen), known)
+        region.is_whole = True
+        return region
 
-    def errors(self, parts: Parts) -> NDArray[np.float64]:
-        """Return the errors (b,), m, of a batch of parts: largest distance between the surfaces, both ways."""
-        to_parts = np.abs(parts.distances(self.samples[None]).min(-2)).max(-1)
-        surface = parts.surface()
-        flat = surface.reshape(len(surface), -1, 3)
-        own = np.repeat(np.arange(len(parts)), surface.shape[-2])
-        inside = parts.distances(flat)
-        inside[:, own, np.arange(len(own))] = 0.0
-        seen = inside.min(-2) > -1e-4
-        for other in self.others:
-            seen &= other.depths(flat) > -1e-4
-        to_solids = np.min([one.depths(flat) for one in self.solids], axis=0)
-        return np.maximum(to_parts, np.where(seen, np.abs(to_solids), 0.0).max(-1))
+    @property
+    def part(self) -> Part:
+        """The best box or ball."""
+        return self._best[0]
+
+    @property
+    def error(self) -> float:
+        """Its error, m, as far as this region is concerned."""
+        return self._best[1]
 
     @cached_property
     def _bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return self.samples.min(0), self.samples.max(0)
+        corners = np.concatenate(self.corners)
+        return corners.min(0), corners.max(0)
 
     @cached_property
-    def single(self) -> Fit:
-        """The best box or ball."""
-        if not len(self.samples):  # hidden in the others
-            return Fit(Parts(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)), 0.0)
-        return self._best([self._slabs(0, 1), self._balls(1)])
-
-    def better(self, count: int) -> Fit:
-        """Return the best fit of ``count`` parts, at least two."""
-        families = [self._slabs(axis, count) for axis in range(3)]
-        families += [self._balls(count), *(self._ended_box(axis, count) for axis in range(3))]
-        return self._best([family for family in families if family is not None])
-
-    def _best(self, families: Sequence[Parts]) -> Fit:
-        found = []
-        for family in families:
-            errors = self.errors(family)
-            best = int(errors.argmin())
-            found.append(Fit(family.pick(best), float(errors[best])))
-        return min(found, key=lambda fit: fit.error)
-
-    def _slabs(self, axis: int, count: int) -> Parts:
-        """Boxes one behind the other along an axis, in a batch of shrunken sizes."""
+    def _best(self) -> tuple[Part, float]:
+        if self.known is not None:
+            return self.known, 0.0
         low, high = self._bounds
-        ends = np.linspace(low[axis], high[axis], count + 1)
-        centre, half = np.zeros((count, 3)), np.zeros((count, 3))
-        for slab in range(count):
-            margin = 0.1 * (ends[slab + 1] - ends[slab])
-            within = (self.samples[:, axis] >= ends[slab] - margin) & (self.samples[:, axis] <= ends[slab + 1] + margin)
-            own = self.samples[within] if within.any() else self.samples
-            centre[slab], half[slab] = (own.min(0) + own.max(0)) / 2, np.ptp(own, axis=0) / 2
-            centre[slab, axis], half[slab, axis] = (ends[slab] + ends[slab + 1]) / 2, (ends[slab + 1] - ends[slab]) / 2
-        shrinks = np.array(list(product(SHRINKS, repeat=3)))
-        halves = np.tile(half, (len(shrinks), 1, 1))
-        across = [other for other in range(3) if other != axis]
-        halves[:, :, across] *= 1 - shrinks[:, None, across]
-        centres = np.tile(centre, (len(shrinks), 1, 1))
-        cut = shrinks[:, axis] * (high[axis] - low[axis]) / 2  # at the two ends only
-        for slab, sign in ((0, 1.0), (count - 1, -1.0)):
-            halves[:, slab, axis] = np.maximum(halves[:, slab, axis] - cut / 2, 1e-5)
-            centres[:, slab, axis] += sign * cut / 2
-        return Parts(centres, halves, np.zeros(halves.shape[:2]))
+        middle, half = (low + high) / 2, np.maximum((high - low) / 2, 1e-5)
+        found = [self._best_box(middle, half)]
+        balls = [self._ball(middle)]
+        if len(self.samples) >= 8:
+            columns = np.column_stack([2 * self.samples, np.ones(len(self.samples))])
+            centre = np.linalg.lstsq(columns, (self.samples**2).sum(1), rcond=None)[0][:3]
+            balls.append(self._ball(centre))
+        found += [(ball, self._error(ball)) for ball in balls if 0 < ball.radius < 2 * half.max()]
+        return min(found, key=lambda one: one[1])
 
-    def _balls(self, count: int) -> Parts:
-        """Balls in a row along the longest direction, each as thick as the solid there."""
-        middle = (self.samples.min(0) + self.samples.max(0)) / 2
-        direction = np.linalg.svd(self.samples - self.samples.mean(0), full_matrices=False)[2][0]
-        along = (self.samples - middle) @ direction
-        away = np.linalg.norm(self.samples - middle - along[:, None] * direction, axis=1)
-        if count == 1:
-            distance = np.linalg.norm(self.samples - middle, axis=1)
-            radius = (distance.min() + distance.max()) / 2
-            return Parts(middle[None, None], np.zeros((1, 1, 3)), np.array([[radius]]))
-        side = np.abs(along - along.mean()) < np.ptp(along) / 4
-        radius = min(float(np.median(away[side])) if side.any() else float(away.max()), np.ptp(along) / 2)
-        places = np.linspace(along.min() + radius, along.max() - radius, count)
-        centres = middle + places[:, None] * direction
-        radii = np.empty(count)
-        for ball, place in enumerate(places):
-            near = np.abs(along - place) < radius / 2
-            radii[ball] = np.median(away[near]) if near.any() else radius
-        batch = radii * BALL_RATIOS[:, None]
-        return Parts(np.tile(centres, (len(batch), 1, 1)), np.zeros((*batch.shape, 3)), batch)
+    def _ball(self, centre: NDArray[np.float64]) -> Part:
+        away = np.linalg.norm(self.samples - centre, axis=1) if len(self.samples) else np.zeros(1)
+        return Part(centre, np.zeros(3), float(away.min() + away.max()) / 2)
 
-    def _ended_box(self, axis: int, count: int) -> Parts | None:
-        """Slabs along an axis with a ball at either end, or at one."""
-        if count > 3:
+    def _error(self, part: Part) -> float:
+        points = part.centre + (part.half * CORNERS if part.radius == 0 else part.radius * AROUND)
+        gap = np.abs(part.distances(self.samples)).max(initial=0.0)
+        return float(max(gap, self._beyond(points).max()))
+
+    def _beyond(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how far points (n, 3) are outside all solids of the link; 0 inside."""
+        return np.maximum(np.min([one.depths(points) for one in self.of_link], axis=0), 0.0)
+
+    def _best_box(self, middle: NDArray[np.float64], half: NDArray[np.float64]) -> tuple[Part, float]:
+        halves = half * (1 - SHRINKS)
+        apart = np.abs(self.samples - middle)[None] - halves[:, None]
+        gaps = np.linalg.norm(np.maximum(apart, 0.0), axis=2) + np.minimum(apart.max(2, initial=-np.inf), 0.0)
+        points = middle + halves[:, None] * CORNERS
+        beyond = self._beyond(points.reshape(-1, 3)).reshape(len(halves), -1)
+        errors = np.maximum(np.abs(gaps).max(1, initial=0.0), beyond.max(1))
+        best = int(errors.argmin())
+        return Part(middle, halves[best], 0.0), float(errors[best])
+
+    def halves(self) -> tuple[Region, Region] | None:
+        """Return the two halves along the axis that serves best, None where it is too small."""
+        if self.known is not None:
             return None
+        found: list[tuple[float, Region, Region]] = []
         low, high = self._bounds
-        middle, half = (low + high) / 2, (high - low) / 2
-        across = [other for other in range(3) if other != axis]
-        radius = float(half[across].min())
-        if 2 * radius >= high[axis] - low[axis]:
+        for axis in range(3):
+            if high[axis] - low[axis] < 2 * SMALLEST:
+                continue
+            middle = (low[axis] + high[axis]) / 2
+            cut = [_cut(corners, axis, middle) for corners in self.corners]
+            lower = self.samples[:, axis] <= middle
+            pair = [
+                Region(self.solids, self.of_link, [own[side] for own in cut if len(own[side])], self.samples[chosen])
+                for side, chosen in ((0, lower), (1, ~lower))
+            ]
+            found.append((max(one.error for one in pair) + 0.1 * sum(one.error for one in pair), *pair))
+        if not found:
             return None
-        batch = []
-        for signs in ((1.0, -1.0),) if count == 3 else ((1.0,), (-1.0,)):
-            for ratio, shrink in product(BALL_RATIOS, (*SHRINKS, 0.25)):
-                centres, halves = [middle.copy()], [half.copy()]
-                for sign in signs:
-                    end = middle.copy()
-                    end[axis] += sign * (half[axis] - radius * ratio)
-                    centres.append(end)
-                    halves.append(np.zeros(3))
-                    centres[0][axis] -= sign * radius / 2
-                    halves[0][axis] -= radius / 2
-                halves[0][across] *= 1 - shrink
-                halves[0][axis] = max(halves[0][axis], 1e-5)
-                batch.append((np.array(centres), np.array(halves), np.array([0.0, *[radius * ratio] * len(signs)])))
-        centre, halved, radii = (np.array([one[field] for one in batch]) for field in range(3))
-        return Parts(centre, halved, radii)
+        _, one, other = min(found, key=lambda entry: entry[0])
+        return one, other
 
 
-def fits(cluster: Cluster, tolerance: float) -> Iterator[Fit]:
-    """Yield fits with more and more parts, each better than the one before, up to one within the tolerance."""
-    best = cluster.single
-    yield best
-    for count in range(2, MOST_PARTS + 1):
-        if best.error <= tolerance:
+def _cut(corners: NDArray[np.float64], axis: int, at: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the corners of what of a convex hull lies below and above a plane across an axis, (0, 3) where nothing."""
+    below = corners[:, axis] <= at
+    if below.all() or not below.any():
+        return corners[below], corners[~below]
+    try:
+        simplices = ConvexHull(corners).simplices
+        edges = np.sort(np.concatenate([simplices[:, [0, 1]], simplices[:, [1, 2]], simplices[:, [0, 2]]]))
+    except QhullError:  # flat
+        edges = np.array(list(combinations(range(len(corners)), 2)))
+    start, end = corners[edges[:, 0]], corners[edges[:, 1]]
+    crossing = (start[:, axis] - at) * (end[:, axis] - at) < 0
+    start, end = start[crossing], end[crossing]
+    share = ((at - start[:, axis]) / (end[:, axis] - start[:, axis]))[:, None]
+    on_plane = np.unique(start + share * (end - start), axis=0)
+    return np.concatenate([corners[below], on_plane]), np.concatenate([corners[~below], on_plane])
+
+
+def fit(links: Sequence[list[Region]], budget: int, tolerance: float) -> None:
+    """Change the regions of links until none is worse than the tolerance, or the budget of regions does not suffice.
+
+    The worst is halved; for that, where the budget is used up, solids become one that lose less than half as much.
+    """
+    merges: dict[tuple[int, int], Region] = {}
+    while sum(map(len, links)) > budget:
+        cheapest = _cheapest_merge(links, merges)
+        assert cheapest is not None, "one part per link is within the budget"
+        _merge(*cheapest)
+    stuck: set[int] = set()
+    while True:
+        waiting = [
+            (one.error, index, one)
+            for index, own in enumerate(links)
+            for one in own
+            if id(one) not in stuck and len(own) < MOST_OF_LINK
+        ]
+        error, index, worst = max(waiting, key=lambda entry: entry[0], default=(0.0, 0, None))
+        if worst is None or error <= tolerance:
             return
-        found = cluster.better(count)
-        if found.error < best.error:
-            best = found
-            yield best
+        pair = worst.halves()
+        if pair is None:
+            stuck.add(id(worst))
+            continue
+        if sum(map(len, links)) == budget:
+            cheapest = _cheapest_merge(links, merges)
+            if cheapest is None or cheapest[-1].error > error / 2 or worst in cheapest:
+                return
+            _merge(*cheapest)
+        place = links[index].index(worst)
+        links[index][place : place + 1] = pair
 
 
-def exact_error(parts: Parts, solids: Sequence[Solid]) -> float:
-    """Return the largest distance between the surfaces of parts and of solids, both ways, m, from many points."""
-    area = np.array([one.hull.area for one in solids])
-    on_solids = []
-    for index, one in enumerate(solids):
-        count = max(100, round(EXACT_SAMPLES * area[index] / area.sum()))
-        points = np.concatenate([trimesh.sample.sample_surface(one.hull, count, seed=1)[0], one.hull.vertices])
+def _cheapest_merge(
+    links: Sequence[list[Region]], merges: dict[tuple[int, int], Region]
+) -> tuple[list[Region], Region, Region, Region] | None:
+    """Return the regions of a link, the two of them that lose least as one, and that one."""
+    best: tuple[list[Region], Region, Region, Region] | None = None
+    for regions in links:
+        whole = [region for region in regions if region.is_whole]
+        for one, other in combinations(whole, 2):
+            key = (id(one), id(other))
+            if key not in merges:
+                merges[key] = Region.whole([*one.solids, *other.solids], one.of_link)
+            if best is None or merges[key].error < best[-1].error:
+                best = (regions, one, other, merges[key])
+    return best
+
+
+def _merge(regions: list[Region], one: Region, other: Region, joined: Region) -> None:
+    regions[regions.index(one)] = joined
+    regions.remove(other)
+
+
+def exact_error(parts: Sequence[Part], solids: Sequence[Solid]) -> float:
+    """Return the error of a link's fit, m, from many points and with exact distances."""
+    largest = 0.0
+    for one in solids:
+        points = one.sampled(600, 1)
         for other in solids:
             if other is not one:
-                points = points[other.depths(points) > -1e-5]
-        on_solids.append(points)
-    on_parts = []
-    for index in range(len(parts)):
-        if parts.radius[index] > 0:
-            points = parts.centre[index] + parts.radius[index] * SUPPORTS
-        else:
-            box = trimesh.creation.box(2 * parts.half[index])
-            points = np.concatenate([trimesh.sample.sample_surface(box, 200, seed=2)[0], box.vertices])
-            points = points + parts.centre[index]
-        rest = [other for other in range(len(parts)) if other != index]
-        if rest:
-            points = points[parts.distances(points)[rest].min(0) > -1e-5]
-        on_parts.append(points)
-    beyond = np.concatenate(on_solids)
-    one_way = np.abs(parts.distances(beyond).min(0)).max(initial=0.0)
-    back = np.concatenate(on_parts)
-    other_way = np.abs(np.min([one.exact(back) for one in solids], axis=0)).max(initial=0.0)
-    return float(max(one_way, other_way))
+                points = points[other.depths(points) >= -NEAR]
+        if len(points):
+            largest = max(largest, float(np.abs(np.min([part.distances(points) for part in parts], axis=0)).max()))
+    outside = [np.zeros((0, 3))]
+    for part in parts:
+        points = part.surface()
+        for other in parts:
+            if other is not part:
+                points = points[other.distances(points) >= -NEAR]
+        outside.append(points)
+    points = np.concatenate(outside)
+    at_least = np.min([one.depths(points) for one in solids], axis=0)
+    farthest = points[np.argsort(-at_least, kind="stable")[:FARTHEST]]
+    farthest = farthest[np.min([one.depths(farthest) for one in solids], axis=0) > NEAR]
+    if len(farthest):
+        largest = max(largest, float(np.min([one.exact(farthest) for one in solids], axis=0).max()))
+    return largest

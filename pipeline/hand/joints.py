@@ -1,8 +1,8 @@
 """The joints that a hand has, and how the fewer independent ones drive them.
 
 Tables, targets and gradients are of the ``J`` independent joints. A coupled joint follows one of them: its position is
-``multiplier`` times that of its driver, plus ``offset``. Physics has no gears: every joint has a drive of its own, whose
-target follows that of the driver.
+``multiplier`` times that of its driver, plus ``offset``. Physics has no gears: every joint has a drive of its own, and
+the target of a coupled one follows that of its driver.
 """
 
 from __future__ import annotations
@@ -108,9 +108,7 @@ def _drive(name: str, described: DrivesDescription, urdf: Urdf) -> tuple[float, 
     return tuple(np.nan if value is None else value for value in (stiffness, damping, limit))  # type: ignore[return-value]
 
 
-def joint_limits(
-    joints: PhysicalJoints, count: int, urdf: Urdf
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def joint_limits(joints: PhysicalJoints, count: int, urdf: Urdf) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return lower and upper limits (J,) of the independent joints: their own, cut to what their followers can do."""
     lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
     for index, name in enumerate(joints.names):

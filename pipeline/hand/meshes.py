@@ -56,7 +56,7 @@ def scaled_mesh(element: ElementTree.Element) -> trimesh.Trimesh:
 
 
 def solid(collision: ElementTree.Element) -> trimesh.Trimesh:
-    """Return the convex solid that physics takes for a ``<collision>`` or ``<visual>``, link frame; of a mesh, its hull."""
+    """Return the convex solid that physics takes for a ``<collision>``, link frame; of a mesh, its hull."""
     geometry = collision.find("geometry")
     assert geometry is not None
     shape = geometry[0]

@@ -17,11 +17,19 @@ from pipeline.hand.meshes import write_mesh
 from pipeline.hand.standard import generated_mesh, origin_element
 from pipeline.records.errors import UserError, one_sentence
 
-HINGE, SLIDE, FREE = (int(kind) for kind in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_FREE))
+HINGE, SLIDE, FREE = (
+    int(kind) for kind in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_FREE)
+)
 SHAPES = {
     int(mujoco.mjtGeom.mjGEOM_SPHERE): lambda size: ("sphere", {"radius": repr(size[0])}),
-    int(mujoco.mjtGeom.mjGEOM_CAPSULE): lambda size: ("capsule", {"radius": repr(size[0]), "length": repr(2 * size[1])}),
-    int(mujoco.mjtGeom.mjGEOM_CYLINDER): lambda size: ("cylinder", {"radius": repr(size[0]), "length": repr(2 * size[1])}),
+    int(mujoco.mjtGeom.mjGEOM_CAPSULE): lambda size: (
+        "capsule",
+        {"radius": repr(size[0]), "length": repr(2 * size[1])},
+    ),
+    int(mujoco.mjtGeom.mjGEOM_CYLINDER): lambda size: (
+        "cylinder",
+        {"radius": repr(size[0]), "length": repr(2 * size[1])},
+    ),
     int(mujoco.mjtGeom.mjGEOM_BOX): lambda size: ("box", {"size": " ".join(repr(2 * half) for half in size)}),
 }
 MESH, ELLIPSOID = int(mujoco.mjtGeom.mjGEOM_MESH), int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
@@ -67,8 +75,8 @@ def _unreadable(model: Any) -> Iterator[str]:
     for equality in range(model.neq):
         if int(model.eq_type[equality]) in (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)):
             yield (
-                f"the constraint {_name(model, 'eq', equality)!r} closes a loop of links; describe the loop as a tree in "
-                "which joints follow one another (an equality of joints)"
+                f"the constraint {_name(model, 'eq', equality)!r} closes a loop of links; describe the loop as a tree "
+                "in which joints follow one another (an equality of joints)"
             )
     for geom in range(model.ngeom):
         kind = int(model.geom_type[geom])

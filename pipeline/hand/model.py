@@ -27,6 +27,7 @@ from pipeline.records.hands import description_file
 from pipeline.records.parameters.hand import (
     FLANGE_LINK,
     MOUNT_LINK,
+    PALM,
     HandDescription,
     HandStyle,
     HoldingDescription,
@@ -167,9 +168,9 @@ def _hand(file: Path, description: HandDescription) -> Hand:
         upper=upper,
         physical=physical,
         **_shape_arrays(shapes),
-        contact_link=np.array(links),
-        contact_points=np.array(points),
-        contact_normals=np.array(normals, dtype=np.float64),
+        contact_link=np.array(links, dtype=np.int64),
+        contact_points=np.array(points, dtype=np.float64).reshape(-1, 3),
+        contact_normals=np.array(normals, dtype=np.float64).reshape(-1, 3),
         contact_finger=tuple(finger_of_link[names[link]] for link in links),
         finger_joints={name: tuple(map(description.joints.index, own.joints)) for name, own in fingers.items()},
         finger_links={name: tuple(own.links) for name, own in fingers.items()},
@@ -255,9 +256,20 @@ def _check_names(description: HandDescription, urdf: Urdf) -> None:
     owned = [link for finger in description.fingers.values() for link in finger.links]
     for name in sorted({name for name in owned if owned.count(name) > 1}):
         urdf.mistakes.append(f"the link {name!r} is in two fingers; give it to one")
+    for finger, own in description.fingers.items():
+        if finger != PALM and not own.joints and not any(_is_moved(link, urdf) for link in own.links):
+            urdf.mistakes.append(f"fingers.{finger}: no joint moves it; name its joints, or call it {PALM!r}")
     for name in description.contacts:
         if name in urdf.links and name not in owned:
             urdf.mistakes.append(f"contacts names the link {name!r}, which is in no finger; add it to one")
+
+
+def _is_moved(link: str, urdf: Urdf) -> bool:
+    while link in urdf.joint_of_child:
+        if urdf.moving(urdf.joint_of_child[link]):
+            return True
+        link = urdf.parent(link)
+    return False
 
 
 def _ordered_links(description: HandDescription, urdf: Urdf) -> list[str]:

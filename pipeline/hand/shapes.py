@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import json
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +19,7 @@ from pipeline.records.errors import UserError
 from pipeline.records.parameters.hand import HandDescription, ShapesDescription
 
 if TYPE_CHECKING:
-    from pipeline.hand.fitting import Cluster, Fit, Solid
+    from pipeline.hand.fitting import Part, Solid
 
 MOST_SHAPES = 62  # bits of the kernel's mask
 
@@ -74,136 +79,98 @@ def link_shapes(names: Sequence[str], description: HandDescription, urdf: Urdf) 
 
 
 def _described(shapes: ShapesDescription) -> tuple[list[Box], list[Ball]]:
-    boxes = []
-    for box in shapes.boxes:
-        pose = np.eye(4)
-        pose[:3, 3] = box.centre
-        boxes.append((pose, np.array(box.size) / 2))
+    boxes = [(_placed(np.array(box.centre)), np.array(box.size) / 2) for box in shapes.boxes]
     return boxes, [(np.array(ball.centre), ball.radius) for ball in shapes.spheres]
 
 
 def _fitted(
     names: Sequence[str], urdf: Urdf, budget: int, tolerance: float
 ) -> tuple[dict[str, tuple[list[Box], list[Ball]]], Mapping[str, ShapeFit]]:
-    """Fit boxes and balls to all shapes of some links, at most ``budget`` of them."""
-    from pipeline.hand.fitting import Solid, exact_error
+    """Fit boxes and balls to all shapes of some links, at most ``budget`` of them.
+
+    That takes seconds, so what was found is kept in the user's cache, under a digest of all that it follows from.
+    """
+    from pipeline.hand.fitting import Region, Solid, exact_error, fit
     from pipeline.hand.meshes import solid
 
-    links: dict[str, list[_Piece]] = {}
-    solids: dict[str, list[Solid]] = {}
-    for name in names:
-        collisions = list(urdf.links[name].iter("collision"))
-        solids[name] = [Solid(solid(collision)) for collision in collisions]
-        exact = _exact_parts(name, urdf)
-        links[name] = [
-            _Piece([own], [other for other in solids[name] if other is not own], part)
-            for own, part in zip(solids[name], exact, strict=True)
+    solids = {name: [Solid(solid(one)) for one in urdf.links[name].iter("collision")] for name in names}
+    exact = {name: _known_parts(name, urdf) for name in names}
+    kept = _kept_file(solids, exact, budget, tolerance)
+    if (rows := _read_kept(kept)) is None:
+        links = [
+            [Region.whole([own], solids[name], known) for own, known in zip(solids[name], exact[name], strict=True)]
+            for name in names
         ]
-    _merge(links, budget)
-    _refine([piece for pieces in links.values() for piece in pieces], budget, tolerance)
-    found, fits = {}, {}
-    for name, pieces in links.items():
-        boxes, balls = [], []
-        for piece in pieces:
-            parts = piece.fit.parts
-            for centre, half, radius in zip(parts.centre, parts.half, parts.radius, strict=True):
-                if radius > 0:
-                    balls.append((centre, float(radius)))
-                else:
-                    pose = np.eye(4)
-                    pose[:3, 3] = centre
-                    boxes.append((pose, half))
-        found[name] = (boxes, balls)
-        if not all(piece.exact for piece in pieces):
-            fits[name] = ShapeFit(len(solids[name]), len(boxes) + len(balls), exact_error(_joined(pieces), solids[name]))
+        fit(links, budget, tolerance)
+        rows = []
+        for name, regions in zip(names, links, strict=True):
+            parts = [region.part for region in regions]
+            fitted = any(region.known is None for region in regions)
+            error = exact_error(parts, solids[name]) if fitted else None
+            rows.append([[[*part.centre.tolist(), *part.half.tolist(), part.radius] for part in parts], error])
+        _keep(kept, rows)
+    found: dict[str, tuple[list[Box], list[Ball]]] = {}
+    fits = {}
+    for name, (parts, error) in zip(names, rows, strict=True):
+        boxes = [(_placed(np.array(part[:3])), np.array(part[3:6])) for part in parts if part[6] == 0]
+        found[name] = boxes, [(np.array(part[:3]), part[6]) for part in parts if part[6] > 0]
+        if error is not None:
+            fits[name] = ShapeFit(len(solids[name]), len(parts), error)
     return found, fits
 
 
-def _exact_parts(name: str, urdf: Urdf) -> list[Fit | None]:
+def _kept_file(
+    solids: Mapping[str, list[Solid]], exact: Mapping[str, list[Part | None]], budget: int, tolerance: float
+) -> Path:
+    """Return where a fit is kept, whether it is there or not."""
+    import pipeline.hand.fitting as fitting
+
+    digest = sha256(Path(fitting.__file__).read_bytes())
+    digest.update(repr((budget, tolerance, [[part is None for part in own] for own in exact.values()])).encode())
+    for own in solids.values():
+        digest.update(repr([one.hull.vertices.tolist() for one in own]).encode())
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return cache / "seqgrasp" / "hand_shapes" / f"{digest.hexdigest()[:32]}.json"
+
+
+def _read_kept(file: Path) -> list[Any] | None:
+    try:
+        rows: list[Any] = json.loads(file.read_text())
+    except (OSError, ValueError):
+        return None
+    return rows
+
+
+def _keep(file: Path, rows: list[Any]) -> None:
+    """Write a fit in one go; where that is not possible it is computed again."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile("w", dir=file.parent, delete=False) as stream:
+            json.dump(rows, stream)
+        os.replace(stream.name, file)
+    except OSError:
+        return
+
+
+def _placed(centre: NDArray[np.float64]) -> NDArray[np.float64]:
+    pose = np.eye(4)
+    pose[:3, 3] = centre
+    return pose
+
+
+def _known_parts(name: str, urdf: Urdf) -> list[Part | None]:
     """Return, per collision shape of a link, the box or ball that it is; None for others."""
-    from pipeline.hand.fitting import Fit, Parts
+    from pipeline.hand.fitting import Part
 
     boxes, balls, others = urdf.boxes_and_balls(name)
-    found: list[Fit | None] = []
+    found: list[Part | None] = []
     for index, collision in enumerate(urdf.links[name].iter("collision")):
         if index in others:
             found.append(None)
         elif collision.find("geometry/box") is not None:
             pose, half = boxes.pop(0)
-            found.append(Fit(Parts(pose[None, :3, 3], half[None], np.zeros(1)), 0.0))
+            found.append(Part(pose[:3, 3], half, 0.0))
         else:
             centre, radius = balls.pop(0)
-            found.append(Fit(Parts(centre[None], np.zeros((1, 3)), np.array([radius])), 0.0))
+            found.append(Part(centre, np.zeros(3), radius))
     return found
-
-
-class _Piece:
-    """Some solids of a link with their present fit, and the better ones to come."""
-
-    def __init__(self, own: list[Solid], others: list[Solid], exact: Fit | None) -> None:
-        from pipeline.hand.fitting import Cluster
-
-        self.own, self.others = own, others
-        self.cluster: Cluster = Cluster(own, others)
-        self.exact = exact is not None
-        self.fit: Fit = exact if exact is not None else self.cluster.single
-        self.onward: Iterator[Fit] | None = None
-
-    def next_fit(self, tolerance: float) -> Fit | None:
-        """Return a better fit, None where there is none."""
-        from pipeline.hand.fitting import fits
-
-        if self.exact:
-            return None
-        if self.onward is None:
-            self.onward = fits(self.cluster, tolerance)
-            next(self.onward)
-        return next(self.onward, None)
-
-
-def _merge(links: Mapping[str, list[_Piece]], budget: int) -> None:
-    """Join solids of a link until one part for each is within the budget, each time those that lose least."""
-
-    def total() -> int:
-        return sum(len(piece.fit.parts) for pieces in links.values() for piece in pieces)
-
-    known: dict[tuple[int, int], _Piece] = {}
-    while total() > budget:
-        best: tuple[float, list[_Piece], _Piece, _Piece, _Piece] | None = None
-        for pieces in links.values():
-            for first, one in enumerate(pieces):
-                for other in pieces[first + 1 :]:
-                    key = (id(one), id(other))
-                    if key not in known:
-                        rest = [solid for solid in one.others if solid not in other.own]
-                        known[key] = _Piece([*one.own, *other.own], rest, None)
-                    error = known[key].fit.error
-                    if best is None or error < best[0]:
-                        best = (error, pieces, one, other, known[key])
-        assert best is not None  # one part per link is within the budget
-        _, pieces, one, other, joined = best
-        pieces[pieces.index(one)] = joined
-        pieces.remove(other)
-
-
-def _refine(pieces: Sequence[_Piece], budget: int, tolerance: float) -> None:
-    """Give more parts to the worst fits, as long as the budget lasts."""
-    total = sum(len(piece.fit.parts) for piece in pieces)
-    open_pieces = [piece for piece in pieces if piece.fit.error > tolerance]
-    while open_pieces:
-        worst = max(open_pieces, key=lambda piece: piece.fit.error)
-        found = worst.next_fit(tolerance)
-        more = 0 if found is None else len(found.parts) - len(worst.fit.parts)
-        if found is None or total + more > budget:
-            open_pieces.remove(worst)
-            continue
-        worst.fit, total = found, total + more
-        if found.error <= tolerance:
-            open_pieces.remove(worst)
-
-
-def _joined(pieces: Sequence[_Piece]):  # noqa: ANN202 - imported late
-    from pipeline.hand.fitting import Parts
-
-    parts = [piece.fit.parts for piece in pieces]
-    return Parts(*(np.concatenate([getattr(one, field) for one in parts]) for field in ("centre", "half", "radius")))

@@ -90,7 +90,8 @@ class Urdf:
         kind, name = joint.get("type"), joint.get("name")
         if kind not in ("fixed", "revolute", SLIDING):
             self.mistakes.append(
-                f"the joint {name!r} of {self.file.name} is {kind}; make it revolute or prismatic, with limits, or fixed"
+                f"the joint {name!r} of {self.file.name} is {kind}; make it revolute or prismatic, with limits, or "
+                "fixed"
             )
         return kind != "fixed"
 
@@ -137,7 +138,9 @@ class Urdf:
 
     def boxes_and_balls(
         self, link: str
-    ) -> tuple[list[tuple[NDArray[np.float64], NDArray[np.float64]]], list[tuple[NDArray[np.float64], float]], list[int]]:
+    ) -> tuple[
+        list[tuple[NDArray[np.float64], NDArray[np.float64]]], list[tuple[NDArray[np.float64], float]], list[int]
+    ]:
         """Return boxes (pose (4, 4), half extents (3,)) and balls (centre (3,), radius) of a link, link frame.
 
         The third list numbers the collision shapes that are neither: meshes, cylinders, boxes turned in that frame.

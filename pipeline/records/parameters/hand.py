@@ -76,7 +76,9 @@ class FingerDescription(Section):
 
     links: list[str] = Field(min_length=1, description="Links that hold objects, ordered from base to tip.")
     joints: list[str] = Field(
-        default_factory=list, description="Joints that move the finger, ordered from base to tip; none for the palm."
+        default_factory=list,
+        description="Joints that move the finger, ordered from base to tip; none for the palm, and for a finger that "
+        "only follows another one.",
     )
     base: str | None = Field(
         None, description="Link of the finger before the first of `links`, if it has one that does not hold objects."
@@ -290,9 +292,9 @@ class HandDescription(Section):
         owners: dict[str, str] = {}
         for name, finger in self.fingers.items():
             if not FINGER_NAME.fullmatch(name):
-                yield f"the finger name {name!r}: use lower-case letters, digits and underscores, and begin with a letter"
-            if (name == PALM) != (not finger.joints):
-                yield f"fingers.{name}: the palm must have no joints, and every finger some"
+                yield f"the finger name {name!r}: use lower-case letters, digits and underscores, a letter first"
+            if name == PALM and finger.joints:
+                yield f"fingers.{name}: the palm must have no joints; remove them"
             for joint in finger.joints:
                 if joint not in self.joints:
                     yield f"fingers.{name}.joints: {joint!r} is not in joints; add it there, or correct it"
@@ -300,7 +302,7 @@ class HandDescription(Section):
                     yield f"the joint {joint!r} is in both fingers {owners[joint]} and {name}; remove it from one"
             if finger.straight is not None and len(finger.straight) != len(finger.joints):
                 yield f"fingers.{name}.straight needs {len(finger.joints)} angles, one per joint"
-            if finger.holding and any(len(row) != len(finger.joints) - 1 for row in finger.holding.bent):
+            if finger.holding and any(len(row) + 1 != len(finger.joints) for row in finger.holding.bent):
                 yield f"fingers.{name}.holding.bent needs an angle per joint after the first in each row"
         for joint in self.joints:
             if joint not in owners:
