@@ -25,6 +25,7 @@ AROUND = np.array(trimesh.creation.icosphere(subdivisions=1).vertices)  # direct
 SUPPORTS = np.array(trimesh.creation.icosphere(subdivisions=2).vertices)  # where corners of fine meshes are looked for
 FARTHEST = 60  # points of a fit whose distance from the solids is computed exactly
 NEAR = 1e-4  # m, that count as touching
+HELPS = 0.9  # share of a region's error that its halves have at most, if they are to replace it
 MOST_OF_LINK = 16  # regions of a link, unless it has more shapes
 SMALLEST = 0.004  # m; regions that are smaller are not halved
 
@@ -99,6 +100,8 @@ class Region:
         """Take what of ``solids`` has ``corners`` (n, 3) each, with its visible ``samples`` (n, 3)."""
         self.solids, self.of_link, self.corners, self.samples, self.known = solids, of_link, corners, samples, known
         self.is_whole = False
+        self.parent: Region | None = None
+        self.children: tuple[Region, Region] | None = None
 
     @classmethod
     def whole(cls, solids: Sequence[Solid], of_link: Sequence[Solid], known: Part | None = None) -> Region:
@@ -168,6 +171,13 @@ class Region:
         best = int(errors.argmin())
         return Part(middle, halves[best], 0.0), float(errors[best])
 
+    def useful(self) -> list[Region]:
+        """Return the smallest regions of what was halved, or this one where that did not help."""
+        if self.children is None:
+            return [self]
+        found = [region for child in self.children for region in child.useful()]
+        return found if max(region.error for region in found) < HELPS * self.error else [self]
+
     def halves(self) -> tuple[Region, Region] | None:
         """Return the two halves along the axis that serves best, None where it is too small."""
         if self.known is not None:
@@ -219,6 +229,20 @@ def fit(links: Sequence[list[Region]], budget: int, tolerance: float) -> None:
         cheapest = _cheapest_merge(links, merges)
         assert cheapest is not None, "one part per link is within the budget"
         _merge(*cheapest)
+    _halve_worst(links, budget, tolerance, merges)
+    for own in links:
+        own[:] = [region for root in {id(_root(one)): _root(one) for one in own}.values() for region in root.useful()]
+
+
+def _root(region: Region) -> Region:
+    while region.parent is not None:
+        region = region.parent
+    return region
+
+
+def _halve_worst(
+    links: Sequence[list[Region]], budget: int, tolerance: float, merges: dict[tuple[int, int], Region]
+) -> None:
     stuck: set[int] = set()
     while True:
         waiting = [
@@ -241,6 +265,7 @@ def fit(links: Sequence[list[Region]], budget: int, tolerance: float) -> None:
             _merge(*cheapest)
         place = links[index].index(worst)
         links[index][place : place + 1] = pair
+        worst.children, pair[0].parent, pair[1].parent = pair, worst, worst
 
 
 def _cheapest_merge(

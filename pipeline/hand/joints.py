@@ -58,6 +58,10 @@ class PhysicalJoints:
             np.where(np.isnan(self.limit), settings.hand_torque_limit, self.limit),
         )
 
+    def together(self, settings: PhysicsParameters) -> NDArray[np.float64]:
+        """Return the largest torques, N m, or forces, N, (J,) at the independent joints, with what follows them."""
+        return np.bincount(self.driver, np.abs(self.multiplier) * self.drives(settings)[2])
+
 
 def physical_joints(description: HandDescription, urdf: Urdf) -> tuple[PhysicalJoints, Mapping[str, Follower]]:
     """Return all joints of a hand, and those that follow others; what does not fit goes to ``urdf.mistakes``."""

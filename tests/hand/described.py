@@ -7,9 +7,9 @@ from typing import Any
 
 import yaml
 
-from pipeline.hand.fingers import finger_tree, spreading_link
 from pipeline.hand.standard import standard_urdf
 from pipeline.hand.urdf import Urdf
+from tools.finger_tree import finger_tree, spreading_link
 
 DENSITY = 1000.0  # kg/m3
 

@@ -257,7 +257,7 @@ class HandDescription(Section):
         default_factory=dict, description="Shapes by link, which replace all of the URDF's shapes of that link."
     )
     shape_error: float = Field(
-        0.0015,
+        0.002,
         gt=0,
         le=0.02,
         description="[m] How far the surface of boxes and balls fitted to meshes, cylinders and turned boxes may be "

@@ -21,16 +21,20 @@ class FingerTree:
 
 
 def spreading_link(urdf: Urdf) -> str:
-    """Return the link from which several chains of moving links spread: the one that is the palm, or carries it."""
-    link = urdf.root
+    """Return the link from which several chains of moving links spread: the one that is the palm, or carries it.
+
+    Links with shapes that do not move belong to the hand, but for the last one of an arm.
+    """
+    link, may_leave = urdf.root, False
     while True:
         below = _moving_below(link, urdf)
         if len(below) == 1 and len(list(_ends(end_of(below[0], "child"), urdf))) > 1:
-            link = end_of(below[0], "child")
+            link, may_leave = end_of(below[0], "child"), True
             continue
         onward = [child for child in _children(link, urdf) if _carries_all(child, below, urdf)]
-        if not onward:
+        if not onward or (urdf.has_shape(link) and not may_leave):
             return link
+        may_leave = may_leave and not urdf.has_shape(link)
         link = onward[0]
 
 
