@@ -194,7 +194,8 @@ class Region:
                 Region(self.solids, self.of_link, [own[side] for own in cut if len(own[side])], self.samples[chosen])
                 for side, chosen in ((0, lower), (1, ~lower))
             ]
-            found.append((max(one.error for one in pair) + 0.1 * sum(one.error for one in pair), *pair))
+            errors = [one.error for one in pair]
+            found.append((max(errors) + 0.1 * sum(errors), pair[0], pair[1]))
         if not found:
             return None
         _, one, other = min(found, key=lambda entry: entry[0])
@@ -302,9 +303,9 @@ def exact_error(parts: Sequence[Part], solids: Sequence[Solid]) -> float:
     outside = [np.zeros((0, 3))]
     for part in parts:
         points = part.surface()
-        for other in parts:
-            if other is not part:
-                points = points[other.distances(points) >= -NEAR]
+        for rest in parts:
+            if rest is not part:
+                points = points[rest.distances(points) >= -NEAR]
         outside.append(points)
     points = np.concatenate(outside)
     at_least = np.min([one.depths(points) for one in solids], axis=0)

@@ -60,7 +60,9 @@ class PhysicalJoints:
 
     def together(self, settings: PhysicsParameters) -> NDArray[np.float64]:
         """Return the largest torques, N m, or forces, N, (J,) at the independent joints, with what follows them."""
-        return np.bincount(self.driver, np.abs(self.multiplier) * self.drives(settings)[2])
+        total = np.zeros(int(self.driver.max()) + 1)
+        np.add.at(total, self.driver, np.abs(self.multiplier) * self.drives(settings)[2])
+        return total
 
 
 def physical_joints(description: HandDescription, urdf: Urdf) -> tuple[PhysicalJoints, Mapping[str, Follower]]:

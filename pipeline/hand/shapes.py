@@ -73,9 +73,9 @@ def link_shapes(names: Sequence[str], description: HandDescription, urdf: Urdf) 
             )
         fitted, fits = _fitted(chosen, urdf, MOST_SHAPES - taken, description.shape_error)
         own |= fitted
-    boxes = [(index, *box) for index, name in enumerate(names) for box in own[name][0]]
-    spheres = [(index, *ball) for index, name in enumerate(names) for ball in own[name][1]]
-    return LinkShapes(boxes, spheres, fits)
+    placed_boxes = [(index, pose, half) for index, name in enumerate(names) for pose, half in own[name][0]]
+    placed_balls = [(index, centre, radius) for index, name in enumerate(names) for centre, radius in own[name][1]]
+    return LinkShapes(placed_boxes, placed_balls, fits)
 
 
 def _described(shapes: ShapesDescription) -> tuple[list[Box], list[Ball]]:

@@ -30,7 +30,7 @@ def test_links_and_jacobians_equal_pytorch_kinematics(name: str, tmp_path: Path)
     hand = hand_of_file(write_description(tmp_path / "hand", source, {"shape_error": 0.02}))
     assert (hand.joint_count, len(hand.physical.names) - hand.joint_count) == HANDS[name]
     assert len(hand.box_link) + len(hand.sphere_link) <= MOST_SHAPES
-    pose, slope = pytorch_errors(hand, source.read_bytes())
+    pose, slope = pytorch_errors(hand, source.read_bytes(), rows=2)
     assert pose < 1e-6 and slope < 1e-6  # it computes axes in single precision
 
 
