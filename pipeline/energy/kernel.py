@@ -6,7 +6,7 @@ sweep from the fingertips to the palm turns the wrenches into derivatives by the
 
     0..2   position of the hand, object frame
     3..5   rotation about the hand's origin, axes of the hand frame (right-invariant: R' = R exp([w]))
-    6..    joint angles in the order of the hand's ``joint_names``
+    6..    independent joints in the order of the hand's ``joint_names``; what follows a joint adds to its derivative
 
 Normals are constants in the gradient: letting it through them was measured not to help.
 
@@ -35,6 +35,10 @@ class HandArrays:
     part_count: int
     parent: wp.array(dtype=int)
     joint: wp.array(dtype=int)
+    multiplier: wp.array(dtype=float)  # of the joint's position; 1 but for links of coupled joints
+    offset: wp.array(dtype=float)  # to be added to it
+    slides: wp.array(dtype=int)  # 1 where the link slides along the axis, 0 where it turns
+    follows: wp.array(dtype=int)  # 1 for links of coupled joints
     origin_rotation: wp.array(dtype=wp.mat33)
     origin_position: wp.array(dtype=wp.vec3)
     axis: wp.array(dtype=wp.vec3)
@@ -274,12 +278,15 @@ def place_links(hand: HandArrays, states: States, scratch: Scratch, chain: int):
             R = R @ hand.origin_rotation[link]
             joint = hand.joint[link]
             if joint >= 0:
-                angle = states.q[chain, joint]
-                s = wp.sin(angle)
-                c = wp.cos(angle)
+                value = hand.multiplier[link] * states.q[chain, joint] + hand.offset[link]
                 a = hand.axis[link]
-                K = wp.skew(a)
-                R = R @ (wp.identity(n=3, dtype=float) * c + K * s + wp.outer(a, a) * (1.0 - c))
+                if hand.slides[link] > 0:
+                    scratch.position[chain, link] = scratch.position[chain, link] + R @ (a * value)
+                else:
+                    s = wp.sin(value)
+                    c = wp.cos(value)
+                    K = wp.skew(a)
+                    R = R @ (wp.identity(n=3, dtype=float) * c + K * s + wp.outer(a, a) * (1.0 - c))
             scratch.rotation[chain, link] = R
         scratch.force[chain, link] = wp.vec3(0.0, 0.0, 0.0)
         scratch.moment[chain, link] = wp.vec3(0.0, 0.0, 0.0)
@@ -524,6 +531,8 @@ def compute_energy(
     collision = self_penetration_term(hand, weights.self_penetration, scratch, chain)
     keep_out = keep_out_term(hand, scene, weights.penetration, scratch, chain)
     excess = float(0.0)
+    for degree in range(wp.static(POSE), states.gradient.shape[1]):
+        states.gradient[chain, degree] = 0.0
     for index in range(hand.link_count - 1):
         # Children come after their parents, so that each link is complete when its wrench is passed on.
         link = hand.link_count - 1 - index
@@ -533,16 +542,21 @@ def compute_energy(
         if joint >= 0:
             axis = scratch.rotation[chain, link] @ hand.axis[link]
             slope = wp.dot(axis, moment - wp.cross(scratch.position[chain, link], force))
-            angle = states.q[chain, joint]
-            above = angle - hand.upper[joint]
-            below = hand.lower[joint] - angle
-            if above > 0.0:
-                excess += above
-                slope += weights.joints
-            if below > 0.0:
-                excess += below
-                slope -= weights.joints
-            states.gradient[chain, wp.static(POSE) + joint] = slope
+            if hand.slides[link] > 0:
+                slope = wp.dot(axis, force)
+            slope = slope * hand.multiplier[link]
+            if hand.follows[link] == 0:
+                value = states.q[chain, joint]
+                above = value - hand.upper[joint]
+                below = hand.lower[joint] - value
+                if above > 0.0:
+                    excess += above
+                    slope += weights.joints
+                if below > 0.0:
+                    excess += below
+                    slope -= weights.joints
+            degree = wp.static(POSE) + joint
+            states.gradient[chain, degree] = states.gradient[chain, degree] + slope
         parent = hand.parent[link]
         scratch.force[chain, parent] = scratch.force[chain, parent] + force
         scratch.moment[chain, parent] = scratch.moment[chain, parent] + moment

@@ -19,14 +19,17 @@ def _axis_rotations(axes: NDArray[np.float64], angles: NDArray[np.float64]) -> N
 
 
 def link_poses(hand: Hand, q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``T_hand_link`` (B, L, 4, 4) for joint angles ``q`` (B, J), rad."""
+    """Return ``T_hand_link`` (B, L, 4, 4) for joint positions ``q`` (B, J), rad, m where they slide."""
     moving = np.nonzero(hand.joint >= 0)[0]
-    turns = np.zeros((len(q), len(moving), 4, 4))
-    turns[..., :3, :3] = _axis_rotations(hand.axis[moving], q[:, hand.joint[moving]])
-    turns[..., 3, 3] = 1.0
+    positions = hand.multiplier[moving] * q[:, hand.joint[moving]] + hand.offset[moving]
+    slides = hand.slides[moving]
+    moves = np.zeros((len(q), len(moving), 4, 4))
+    moves[..., :3, :3] = _axis_rotations(hand.axis[moving], np.where(slides, 0.0, positions))
+    moves[..., :3, 3] = hand.axis[moving] * np.where(slides, positions, 0.0)[..., None]
+    moves[..., 3, 3] = 1.0
     T = np.empty((len(q), len(hand.link_names), 4, 4))
     T[:] = hand.origin
-    T[:, moving] = hand.origin[moving] @ turns  # so far T_parent_link
+    T[:, moving] = hand.origin[moving] @ moves  # so far T_parent_link
     for link, parent in enumerate(hand.parent.tolist()):
         if parent >= 0:
             T[:, link] = T[:, parent] @ T[:, link]
@@ -44,7 +47,7 @@ def points_on_links(
 def point_jacobian(
     hand: Hand, T_hand_link: NDArray[np.float64], link: int, point: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return d(point)/dq (3, J), m/rad, of one ``point`` (3,) in the hand frame that rides on ``link``.
+    """Return d(point)/dq (3, J), m/rad or 1, of one ``point`` (3,) in the hand frame that rides on ``link``.
 
     Args:
         T_hand_link: (L, 4, 4), one hand.
@@ -54,7 +57,12 @@ def point_jacobian(
         joint = hand.joint[link]
         if joint >= 0:
             T = T_hand_link[link]
-            (ax, ay, az), (rx, ry, rz) = T[:3, :3] @ hand.axis[link], point - T[:3, 3]
-            J[:, joint] = ay * rz - az * ry, az * rx - ax * rz, ax * ry - ay * rx
+            axis = T[:3, :3] @ hand.axis[link]
+            if hand.slides[link]:
+                J[:, joint] += hand.multiplier[link] * axis
+            else:
+                (ax, ay, az), (rx, ry, rz) = axis, point - T[:3, 3]
+                turned = np.array([ay * rz - az * ry, az * rx - ax * rz, ax * ry - ay * rx])
+                J[:, joint] += hand.multiplier[link] * turned
         link = int(hand.parent[link])
     return J

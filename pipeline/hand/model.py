@@ -6,58 +6,67 @@ simulation cannot disagree on joints and limits. Nothing here is about one hand.
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.hand.contacts import contact_candidates
+from pipeline.hand.joints import PhysicalJoints, joint_limits, physical_joints
 from pipeline.hand.mount import Mount
-from pipeline.hand.urdf import Urdf, origin_matrix, vector
-from pipeline.records.errors import UserError
+from pipeline.hand.shapes import LinkShapes, ShapeFit, link_shapes
+from pipeline.hand.standard import source_file, standard_urdf
+from pipeline.hand.urdf import Follower, Urdf, end_of, origin_matrix, vector
+from pipeline.records.errors import UserError, one_sentence
 from pipeline.records.hands import description_file
 from pipeline.records.parameters.hand import (
     FLANGE_LINK,
     MOUNT_LINK,
+    PALM,
     HandDescription,
     HandStyle,
     HoldingDescription,
-    ShapesDescription,
-    UrdfSource,
     read_description,
 )
-
-MOST_SHAPES = 62  # bits of the kernel's mask
 
 
 @dataclass(frozen=True, eq=False)
 class Hand:
     """A hand's geometry; ``L`` links in ``link_names`` order, ``J`` joints in ``joint_names`` order, SI units.
 
+    The ``J`` joints are those that move by themselves; positions of joints that slide are in m, of others in rad.
     A hand is the same object wherever its file is loaded in a process, and travels between processes as its file.
     """
 
     name: str
     source: Path  # its description
-    urdf: Path
+    urdf: Path  # or MJCF, as it was found
+    standard_urdf: str = field(repr=False)  # what loaders take, see ``hand.standard``
     link_names: tuple[str, ...]
     joint_names: tuple[str, ...]
     parent: NDArray[np.int64]  # (L,) parent link, -1 for the root; a parent comes before its children
     joint: NDArray[np.int64]  # (L,) joint that moves the link, -1 where it is fixed to its parent
-    origin: NDArray[np.float64]  # (L, 4, 4) T_parent_link at joint angle 0
+    multiplier: NDArray[np.float64]  # (L,) the link moves by this times the joint's position,
+    offset: NDArray[np.float64]  # (L,) plus this, rad or m; 1 and 0 but for links of coupled joints
+    slides: NDArray[np.bool_]  # (L,) along the axis; others turn
+    follows: NDArray[np.bool_]  # (L,) whether the joint is moved through a coupling
+    origin: NDArray[np.float64]  # (L, 4, 4) T_parent_link where the link has not moved
     axis: NDArray[np.float64]  # (L, 3) joint axis in the link frame, 0 where fixed
-    lower: NDArray[np.float64]  # (J,) rad
-    upper: NDArray[np.float64]  # (J,) rad
+    lower: NDArray[np.float64]  # (J,) also such that no joint that follows exceeds its limits
+    upper: NDArray[np.float64]  # (J,)
+    physical: PhysicalJoints
     box_link: NDArray[np.int64]  # (B,)
     box_pose: NDArray[np.float64]  # (B, 4, 4) T_link_box; never turned
     box_half: NDArray[np.float64]  # (B, 3) half extents
     sphere_link: NDArray[np.int64]  # (S,)
     sphere_centre: NDArray[np.float64]  # (S, 3) link frame
     sphere_radius: NDArray[np.float64]  # (S,)
+    shape_fits: Mapping[str, ShapeFit]  # by link, where boxes and balls stand for other shapes
     contact_link: NDArray[np.int64]  # (C,)
     contact_points: NDArray[np.float64]  # (C, 3) link frame, on the collision surface
     contact_normals: NDArray[np.float64]  # (C, 3) link frame, outward from the hand
@@ -126,45 +135,42 @@ def hand_of_file(file: Path) -> Hand:
 
 
 def _hand(file: Path, description: HandDescription) -> Hand:
-    urdf = Urdf(urdf_file(description.urdf, file.parent))
-    _check_names(description, urdf, file)
+    source = source_file(description.urdf, file.parent)
+    robot = standard_urdf(source, description.urdf.root, description.density)
+    urdf = Urdf(robot, source)
+    _check_names(description, urdf)
+    physical, followers = physical_joints(description, urdf)
+    lower, upper = joint_limits(physical, len(description.joints), urdf)
+    if urdf.mistakes:
+        raise UserError(one_sentence(file, urdf.mistakes))
     names = _ordered_links(description, urdf)
-    parent, joint, origin, axis = [], [], [], []
-    lower, upper = np.zeros(len(description.joints)), np.zeros(len(description.joints))
-    for name in names:
-        element = urdf.joint_of_child.get(name)
-        parent.append(-1 if element is None else names.index(urdf.parent(name)))
-        origin.append(np.eye(4) if element is None else _origin(element))
-        moves = element is not None and urdf.moving(element)
-        joint.append(description.joints.index(element.get("name", "")) if element is not None and moves else -1)
-        axis.append(_unit_axis(element) if element is not None and moves else np.zeros(3))
-        if element is not None and moves:
-            lower[joint[-1]], upper[joint[-1]] = urdf.limits(element)
-    boxes, spheres = _all_shapes(names, description, urdf, file)
+    tree = [_step(name, names, description, urdf, followers) for name in names]
+    shapes = link_shapes(names, description, urdf)
     fingers = description.fingers
     finger_of_link = {link: finger for finger, own in fingers.items() for link in own.links}
-    links, points, normals = contact_candidates(description, names, boxes, spheres, file)
+    links, points, normals = contact_candidates(description, names, shapes.boxes, shapes.spheres, file)
     return Hand(
         name=file.parent.name,
         source=file,
-        urdf=urdf.file,
+        urdf=source,
+        standard_urdf=ElementTree.tostring(robot, encoding="unicode"),
         link_names=tuple(names),
         joint_names=tuple(description.joints),
-        parent=np.array(parent),
-        joint=np.array(joint),
-        origin=np.array(origin),
-        axis=np.array(axis),
+        parent=np.array([step.parent for step in tree]),
+        joint=np.array([step.joint for step in tree]),
+        multiplier=np.array([step.multiplier for step in tree]),
+        offset=np.array([step.offset for step in tree]),
+        slides=np.array([step.slides for step in tree]),
+        follows=np.array([step.follows for step in tree]),
+        origin=np.array([step.origin for step in tree]),
+        axis=np.array([step.axis for step in tree]),
         lower=lower,
         upper=upper,
-        box_link=np.array([link for link, _, _ in boxes], dtype=np.int64),
-        box_pose=np.array([pose for _, pose, _ in boxes]).reshape(-1, 4, 4),
-        box_half=np.array([half for _, _, half in boxes]).reshape(-1, 3),
-        sphere_link=np.array([link for link, _, _ in spheres], dtype=np.int64),
-        sphere_centre=np.array([centre for _, centre, _ in spheres]).reshape(-1, 3),
-        sphere_radius=np.array([radius for _, _, radius in spheres], dtype=np.float64),
-        contact_link=np.array(links),
-        contact_points=np.array(points),
-        contact_normals=np.array(normals, dtype=np.float64),
+        physical=physical,
+        **_shape_arrays(shapes),
+        contact_link=np.array(links, dtype=np.int64),
+        contact_points=np.array(points, dtype=np.float64).reshape(-1, 3),
+        contact_normals=np.array(normals, dtype=np.float64).reshape(-1, 3),
         contact_finger=tuple(finger_of_link[names[link]] for link in links),
         finger_joints={name: tuple(map(description.joints.index, own.joints)) for name, own in fingers.items()},
         finger_links={name: tuple(own.links) for name, own in fingers.items()},
@@ -181,50 +187,58 @@ def _hand(file: Path, description: HandDescription) -> Hand:
     )
 
 
-def urdf_file(source: UrdfSource, folder: Path) -> Path:
-    """Return the path of a URDF; packages are found without importing them.
+@dataclass(frozen=True)
+class _Step:
+    """How one link hangs on its parent; see the fields of :class:`Hand`."""
 
-    Args:
-        folder: of the hand's description.
-
-    Raises:
-        UserError: the package is not installed, or there is no such file.
-    """
-    if source.package is None:
-        file = folder / source.path
-    else:
-        spec = find_spec(source.package)
-        if spec is None or not spec.submodule_search_locations:
-            raise UserError(
-                f"the package {source.package} is not installed; run `./dev doctor` to set the environment up."
-            )
-        file = Path(spec.submodule_search_locations[0]) / source.path
-    if not file.is_file():
-        raise UserError(f"{folder / 'hand.yaml'}: there is no URDF {file}; correct `urdf` there.")
-    return file
+    parent: int
+    joint: int
+    multiplier: float
+    offset: float
+    slides: bool
+    follows: bool
+    origin: NDArray[np.float64]
+    axis: NDArray[np.float64]
 
 
-def _origin(joint: object) -> NDArray[np.float64]:
-    return origin_matrix(joint.find("origin"))  # type: ignore[attr-defined]
+def _step(
+    name: str, names: Sequence[str], description: HandDescription, urdf: Urdf, followers: Mapping[str, Follower]
+) -> _Step:
+    element = urdf.joint_of_child.get(name) if name != urdf.root else None
+    if element is None:
+        return _Step(-1, -1, 1.0, 0.0, False, False, np.eye(4), np.zeros(3))
+    parent, origin = names.index(urdf.parent(name)), origin_matrix(element.find("origin"))
+    if not urdf.moving(element):
+        return _Step(parent, -1, 1.0, 0.0, False, False, origin, np.zeros(3))
+    own = element.get("name", "")
+    coupling = followers.get(own, Follower(own, 1.0, 0.0))
+    joint = description.joints.index(coupling.joint)
+    moves = (coupling.multiplier, coupling.offset, urdf.slides(element), own in followers)
+    return _Step(parent, joint, *moves, origin, _unit_axis(element))
 
 
-def _unit_axis(joint: object) -> NDArray[np.float64]:
-    element = joint.find("axis")  # type: ignore[attr-defined]
+def _shape_arrays(shapes: LinkShapes) -> dict[str, Any]:
+    boxes, spheres = shapes.boxes, shapes.spheres
+    return {
+        "box_link": np.array([link for link, _, _ in boxes], dtype=np.int64),
+        "box_pose": np.array([pose for _, pose, _ in boxes]).reshape(-1, 4, 4),
+        "box_half": np.array([half for _, _, half in boxes]).reshape(-1, 3),
+        "sphere_link": np.array([link for link, _, _ in spheres], dtype=np.int64),
+        "sphere_centre": np.array([centre for _, centre, _ in spheres]).reshape(-1, 3),
+        "sphere_radius": np.array([radius for _, _, radius in spheres], dtype=np.float64),
+        "shape_fits": shapes.fits,
+    }
+
+
+def _unit_axis(joint: ElementTree.Element) -> NDArray[np.float64]:
+    element = joint.find("axis")
     axis = vector("1 0 0" if element is None else element.get("xyz"))
     length = np.linalg.norm(axis)
     return axis if length == 1.0 else axis / length
 
 
-def _check_names(description: HandDescription, urdf: Urdf, file: Path) -> None:
-    """Check that every link and joint of the description is in the URDF, and every moving joint in the description."""
-    for name in description.joints:
-        if name not in urdf.joints:
-            raise UserError(f"{file}: joints names {name!r}, which the URDF {urdf.file.name} does not have.")
-        if not urdf.moving(urdf.joints[name]):
-            raise UserError(f"{file}: joints names {name!r}, which does not move in {urdf.file.name}; remove it.")
-    for name, joint in urdf.joints.items():
-        if urdf.moving(joint) and name not in description.joints:
-            raise UserError(f"{file}: the joint {name!r} of {urdf.file.name} moves; add it to joints and to a finger.")
+def _check_names(description: HandDescription, urdf: Urdf) -> None:
+    """Check that every link of the description is in the URDF, and in its place."""
     behind = (FLANGE_LINK, MOUNT_LINK) if description.mount is not None else ()
     named = {
         "tips": description.tips,
@@ -238,21 +252,32 @@ def _check_names(description: HandDescription, urdf: Urdf, file: Path) -> None:
     for where, names in named.items():
         for name in names:
             if name not in urdf.links:
-                raise UserError(f"{file}: {where} names the link {name!r}, which {urdf.file.name} does not have.")
+                urdf.mistakes.append(f"{where} names the link {name!r}, which {urdf.file.name} does not have")
     owned = [link for finger in description.fingers.values() for link in finger.links]
-    for name in owned:
-        if owned.count(name) > 1:
-            raise UserError(f"{file}: the link {name!r} is in two fingers; give it to one.")
+    for name in sorted({name for name in owned if owned.count(name) > 1}):
+        urdf.mistakes.append(f"the link {name!r} is in two fingers; give it to one")
+    for finger, own in description.fingers.items():
+        if finger != PALM and not own.joints and not any(_is_moved(link, urdf) for link in own.links):
+            urdf.mistakes.append(f"fingers.{finger}: no joint moves it; name its joints, or call it {PALM!r}")
     for name in description.contacts:
-        if name not in owned:
-            raise UserError(f"{file}: contacts names the link {name!r}, which is in no finger; add it to one.")
+        if name in urdf.links and name not in owned:
+            urdf.mistakes.append(f"contacts names the link {name!r}, which is in no finger; add it to one")
+
+
+def _is_moved(link: str, urdf: Urdf) -> bool:
+    while link in urdf.joint_of_child:
+        if urdf.moving(urdf.joint_of_child[link]):
+            return True
+        link = urdf.parent(link)
+    return False
 
 
 def _ordered_links(description: HandDescription, urdf: Urdf) -> list[str]:
-    """Return the root and all links with shapes, and those between, from the root outwards, finger by finger."""
+    """Return the root, all links that move or have shapes, and those between, from the root outwards, by finger."""
     wanted = {urdf.root}
+    moved = {end_of(joint, "child") for joint in urdf.moving_joints.values()}
     for name in urdf.links:
-        if urdf.has_shape(name) or name in description.shapes:
+        if name in moved or urdf.has_shape(name) or name in description.shapes:
             while name and name not in wanted:
                 wanted.add(name)
                 name = urdf.parent(name)
@@ -268,34 +293,3 @@ def _ordered_links(description: HandDescription, urdf: Urdf) -> list[str]:
 
     visit(urdf.root)
     return names
-
-
-def _all_shapes(
-    names: Sequence[str], description: HandDescription, urdf: Urdf, file: Path
-) -> tuple[list[tuple[int, NDArray[np.float64], NDArray[np.float64]]], list[tuple[int, NDArray[np.float64], float]]]:
-    """Return the boxes (link, pose, half extents) and balls (link, centre, radius) of all links, in their order."""
-    boxes: list[tuple[int, NDArray[np.float64], NDArray[np.float64]]] = []
-    spheres: list[tuple[int, NDArray[np.float64], float]] = []
-    for index, name in enumerate(names):
-        own_boxes, own_balls = _shapes(name, description.shapes.get(name), urdf, file)
-        boxes += [(index, pose, half) for pose, half in own_boxes]
-        spheres += [(index, centre, radius) for centre, radius in own_balls]
-    if len(boxes) + len(spheres) > MOST_SHAPES:
-        raise UserError(
-            f"{file}: the hand has {len(boxes) + len(spheres)} boxes and balls, {MOST_SHAPES} are possible; describe "
-            "links by fewer under `shapes`."
-        )
-    return boxes, spheres
-
-
-def _shapes(
-    name: str, replaced: ShapesDescription | None, urdf: Urdf, file: Path
-) -> tuple[list[tuple[NDArray[np.float64], NDArray[np.float64]]], list[tuple[NDArray[np.float64], float]]]:
-    if replaced is None:
-        return urdf.boxes_and_balls(name, file)
-    boxes = []
-    for box in replaced.boxes:
-        pose = np.eye(4)
-        pose[:3, 3] = box.centre
-        boxes.append((pose, np.array(box.size) / 2))
-    return boxes, [(np.array(ball.centre), ball.radius) for ball in replaced.spheres]

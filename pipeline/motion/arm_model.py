@@ -48,9 +48,9 @@ class ArmModel:
         """Build the model; ``hand_q`` (J,) in the order of ``hand.joint_names``, rad."""
         full, geometry = _full_robot(hand)
         q = pin.neutral(full)
-        for name, angle in zip(hand.joint_names, np.asarray(hand_q, np.float64), strict=True):
+        for name, angle in zip(hand.physical.names, hand.physical.positions(hand_q), strict=True):
             q[full.joints[full.getJointId(name)].idx_q] = angle
-        locked = [full.getJointId(name) for name in hand.joint_names]
+        locked = [full.getJointId(name) for name in hand.physical.names]
         self.model, self.geometry = pin.buildReducedModel(full, geometry, locked, q)
         assert list(self.model.names)[1:] == list(ARM_JOINT_NAMES)
         self.lower: NDArray[np.float64] = self.model.lowerPositionLimit.copy()

@@ -71,6 +71,9 @@ def _hand_hull(arm: ArmModel) -> Any:
         shape = item.geometry
         if hasattr(shape, "halfSide"):
             corners = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), -1).reshape(-1, 3) * np.asarray(shape.halfSide)
+        elif hasattr(shape, "radius"):  # a ball, or a cylinder along z: the box about it
+            half = np.array([shape.radius, shape.radius, getattr(shape, "halfLength", shape.radius)])
+            corners = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), -1).reshape(-1, 3) * half
         else:
             corners = np.asarray(shape.points())
         points.append(corners @ placement[:3, :3].T + placement[:3, 3])

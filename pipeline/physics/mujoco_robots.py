@@ -6,6 +6,7 @@ the order of the hand.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import combinations
@@ -16,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipeline.hand.model import Hand
-from pipeline.hand.robot import robot_file, robot_joint_names
+from pipeline.hand.robot import all_joint_names, all_positions, robot_file, robot_joint_names
+from pipeline.physics.drives import drives
 from pipeline.physics.mujoco_contacts import IMPEDANCE, TIME_CONSTANT, Surface
 from pipeline.physics.mujoco_simulation import Simulation
 from pipeline.records.parameters.physics import PhysicsParameters
@@ -29,10 +31,12 @@ class MujocoRobot:
 
     simulation: Simulation
     prefix: str  # of its names in the model
-    joint_names: tuple[str, ...]
-    stiffness: NDArray[np.float64]  # (n,) N m/rad
-    damping: NDArray[np.float64]  # (n,) N m s/rad
-    targets: NDArray[np.float64]  # (2, n) of the drives: rad, rad/s
+    joint_names: tuple[str, ...]  # (n,) those that move by themselves
+    motor_names: tuple[str, ...]  # (m,) first these, then those that follow them
+    stiffness: NDArray[np.float64]  # (m,) N m/rad
+    damping: NDArray[np.float64]  # (m,) N m s/rad
+    targets: NDArray[np.float64]  # (2, m) of the drives: rad, rad/s
+    all_positions: Callable[[ArrayLike], NDArray[np.float64]]  # from (n,) to (m,)
 
     @property
     def q(self) -> NDArray[np.float64]:
@@ -49,14 +53,16 @@ class MujocoRobot:
 
     @cached_property
     def _motors(self) -> NDArray[np.int32]:
-        """(n,) positions of the motors among those of the model."""
+        """(m,) positions of the motors among those of the model."""
         model = self.simulation.model
-        return np.array([model.actuator(self.prefix + name).id for name in self.joint_names])
+        return np.array([model.actuator(self.prefix + name).id for name in self.motor_names])
 
     def set_targets(self, q: ArrayLike, velocity: ArrayLike | None = None) -> None:
         """Set drive targets ``q`` (n,), rad, and target velocities (n,), rad/s (zero when left out)."""
-        self.targets[0] = q
-        self.targets[1] = 0.0 if velocity is None else velocity
+        self.targets[0] = self.all_positions(q)
+        self.targets[1] = 0.0
+        if velocity is not None:
+            self.targets[1] = self.all_positions(velocity) - self.all_positions(np.zeros(len(self.joint_names)))
 
     def drive(self) -> None:
         """Hand the targets to the motors, whose force is this less stiffness times q and damping times its rate."""
@@ -91,8 +97,8 @@ def add_robot(
     robot.compiler.balanceinertia = True
     links = [body for body in robot.bodies if body.name != "world"]
     surfaces = [surface for link in links for surface in _surfaces(link, hand, settings, prefix)]
-    names = robot_joint_names(hand) if arm else hand.joint_names
-    stiffness, damping = _add_drives(robot, names, hand, settings)
+    names = all_joint_names(arm, hand)
+    stiffness, damping = _add_drives(robot, names, arm, hand, settings)
     inertias = {prefix + link.name: np.array(link.fullinertia) for link in links if link.explicitinertial}
     never_meeting = _never_meeting(links, hand)
     for link in links:
@@ -102,8 +108,11 @@ def add_robot(
     simulation.spec.attach(robot, prefix=prefix, frame=frame)
     simulation.surfaces.extend(surfaces)
     simulation.never_meeting |= {frozenset(prefix + name for name in pair) for pair in never_meeting}
-    start = np.array(q, np.float64)
-    added = MujocoRobot(simulation, prefix, names, stiffness, damping, np.stack([start, np.zeros(len(start))]))
+    place = partial(all_positions, arm, hand)
+    start = np.array(place(q))
+    targets = np.stack([start, np.zeros(len(start))])
+    own = robot_joint_names(hand) if arm else hand.joint_names
+    added = MujocoRobot(simulation, prefix, own, names, stiffness, damping, targets, place)
     simulation.corrections.append(partial(_set_inertias, inertias))
     simulation.beginnings.append(partial(_set_joints, dict(zip((prefix + name for name in names), start, strict=True))))
     return added
@@ -141,21 +150,18 @@ def _never_meeting(links: list[Any], hand: Hand) -> set[tuple[str, str]]:
 
 
 def _add_drives(
-    robot: Any, names: tuple[str, ...], hand: Hand, settings: PhysicsParameters
+    robot: Any, names: tuple[str, ...], arm: bool, hand: Hand, settings: PhysicsParameters
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Add a motor to every joint; return stiffness and damping (n,) of each."""
     gains = []
-    for name in names:
-        of_hand = name in hand.joint_names
+    for name, (stiffness, damping, limit) in zip(names, drives(arm, hand, settings), strict=True):
+        of_hand = name in hand.physical.names
         joint = robot.joint(name)
         joint.damping[:] = 0.0  # as the drives of the description, which are not used
         joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
         joint.armature = settings.mujoco.joint_armature if of_hand else 0.0
         joint.solref_limit = [TIME_CONSTANT, 1.0]
         joint.solimp_limit = IMPEDANCE
-        stiffness = settings.hand_stiffness if of_hand else settings.arm_stiffness
-        damping = settings.hand_damping if of_hand else settings.arm_damping
-        limit = settings.hand_torque_limit if of_hand else settings.arm_torque_limit
         motor = robot.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         motor.gaintype, motor.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
         motor.gainprm[0] = 1.0

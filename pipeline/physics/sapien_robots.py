@@ -5,8 +5,9 @@ Joints are always addressed by name, in the order of the hand; SAPIEN's own orde
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,8 @@ from sapien.wrapper.articulation_builder import ArticulationBuilder
 from sapien.wrapper.urdf_loader import URDFLoader
 
 from pipeline.hand.model import Hand
-from pipeline.hand.robot import robot_file, robot_joint_names
+from pipeline.hand.robot import all_joint_names, all_positions, robot_file, robot_joint_names
+from pipeline.physics.drives import drives
 from pipeline.physics.sapien_bodies import from_sapien, to_sapien
 from pipeline.records.parameters.physics import PhysicsParameters
 
@@ -26,27 +28,29 @@ class SapienRobot:
     """An articulation with its joints in the order of ``joint_names``; see :class:`pipeline.physics.engine.Robot`."""
 
     articulation: Any  # sapien.physx.PhysxArticulation
-    joint_names: tuple[str, ...]
-    joints: tuple[Any, ...]
-    order: NDArray[np.int64]  # position of each named joint in SAPIEN's order
+    joint_names: tuple[str, ...]  # (n,) those that move by themselves
+    joints: tuple[Any, ...]  # (m,) first these, then those that follow them
+    order: NDArray[np.int64]  # (m,) position of each of them in SAPIEN's order
+    all_positions: Callable[[ArrayLike], NDArray[np.float64]]  # from (n,) to (m,)
     links: dict[str, Any]  # components by name
 
     @property
     def q(self) -> NDArray[np.float64]:
         """Joint positions (n,), rad."""
-        return np.asarray(self.articulation.qpos, np.float64)[self.order]
+        return np.asarray(self.articulation.qpos, np.float64)[self.order[: len(self.joint_names)]]
 
     def set_q(self, q: ArrayLike) -> None:
         """Put the joints at ``q`` (n,), rad, at once and at rest; drive targets stay as they are."""
         values = np.zeros(len(self.order), dtype=np.float32)
-        values[self.order] = q
+        values[self.order] = self.all_positions(q)
         self.articulation.qpos = values
         self.articulation.qvel = np.zeros_like(values)
 
     def set_targets(self, q: ArrayLike, velocity: ArrayLike | None = None) -> None:
         """Set drive targets ``q`` (n,), rad, and target velocities (n,), rad/s (zero when left out)."""
-        positions = np.asarray(q, np.float64)
-        velocities = np.zeros(len(self.joints)) if velocity is None else np.asarray(velocity, np.float64)
+        positions, velocities = self.all_positions(q), np.zeros(len(self.joints))
+        if velocity is not None:
+            velocities = self.all_positions(velocity) - self.all_positions(np.zeros(len(self.joint_names)))
         for joint, position, speed in zip(self.joints, positions, velocities, strict=True):
             joint.set_drive_target(float(position))
             joint.set_drive_velocity_target(float(speed))
@@ -106,17 +110,15 @@ def build_robot(scene: Any, settings: PhysicsParameters, arm: bool, T_world_root
     builder.set_scene(scene)
     builder.set_initial_pose(to_sapien(T_world_root))
     articulation = builder.build(fix_root_link=True)
-    names = robot_joint_names(hand) if arm else hand.joint_names
+    names = all_joint_names(arm, hand)
     in_sapien = [joint.name for joint in articulation.active_joints]
     order = np.array([in_sapien.index(name) for name in names])
     joints = tuple(articulation.active_joints[index] for index in order)
-    for name, joint in zip(names, joints, strict=True):
-        if name in hand.joint_names:
-            joint.set_drive_properties(settings.hand_stiffness, settings.hand_damping, settings.hand_torque_limit)
-        else:
-            joint.set_drive_properties(settings.arm_stiffness, settings.arm_damping, settings.arm_torque_limit)
+    for joint, (stiffness, damping, limit) in zip(joints, drives(arm, hand, settings), strict=True):
+        joint.set_drive_properties(stiffness, damping, limit)
     links = {link.name: link for link in articulation.links}
     for link in links.values():
         link.disable_gravity = True
     _materials(links, settings, hand.tips)
-    return SapienRobot(articulation, names, joints, order, links)
+    own = robot_joint_names(hand) if arm else hand.joint_names
+    return SapienRobot(articulation, own, joints, order, partial(all_positions, arm, hand), links)

@@ -13,9 +13,10 @@ import pinocchio
 import trimesh
 from numpy.typing import NDArray
 
+from pipeline.hand.meshes import read_mesh, solid
 from pipeline.hand.model import Hand
-from pipeline.hand.robot import compose_robot, robot_joint_names
-from pipeline.hand.urdf import origin_matrix
+from pipeline.hand.robot import all_joint_names, all_positions, compose_robot
+from pipeline.hand.urdf import origin_matrix, vector
 from pipeline.pictures.decimation import Mesh, decimated
 from pipeline.pictures.render import Body, corner_normals
 from pipeline.records.parameters.hand import MOUNT_LINK
@@ -53,6 +54,8 @@ def _colour(link: str, mesh: Any, tips: frozenset[str]) -> tuple[float, float, f
 @lru_cache(maxsize=64)
 def _file_meshes(path: Path) -> list[Any]:
     """Return the meshes of a file with the transforms of its scene applied."""
+    if path.suffix.lower() == ".dae":
+        return [read_mesh(path)]
     loaded = trimesh.load(path, process=False)
     return list(loaded.dump()) if isinstance(loaded, trimesh.Scene) else [loaded]
 
@@ -64,17 +67,20 @@ def _visuals(arm: bool, hand: Hand) -> tuple[_Visual, ...]:
         name = link.get("name", "")
         shapes = link.findall("visual") or (link.findall("collision") if name == MOUNT_LINK else [])
         for shape in shapes:
-            T = origin_matrix(shape.find("origin"))
+            T, scale = origin_matrix(shape.find("origin")), np.ones(3)
             mesh_element, box = shape.find("geometry/mesh"), shape.find("geometry/box")
             if mesh_element is not None:
                 meshes = _file_meshes(Path(mesh_element.get("filename", "")))
+                scale = vector(mesh_element.get("scale", "1 1 1"))
             elif box is not None:
                 meshes = [trimesh.creation.box([float(part) for part in box.get("size", "").split()])]
+            elif shape.find("geometry") is not None:
+                meshes, T = [solid(shape)], np.eye(4)
             else:
                 continue
             for mesh in meshes:
                 vertices, faces = _few_faces(mesh.copy())
-                vertices = vertices @ T[:3, :3].T + T[:3, 3]
+                vertices = (scale * vertices) @ T[:3, :3].T + T[:3, 3]
                 colour = MOUNT_COLOUR if name == MOUNT_LINK else _colour(name, mesh, hand.tips)
                 visuals.append(_Visual(name, Body(vertices, faces, colour, np.eye(4), corner_normals(vertices, faces))))
     return tuple(visuals)
@@ -84,14 +90,14 @@ def _visuals(arm: bool, hand: Hand) -> tuple[_Visual, ...]:
 def _kinematics(arm: bool, hand: Hand) -> tuple[Any, Any, NDArray[np.int64]]:
     """Pinocchio's model, and where each of our joints stands in its configuration vector."""
     model = pinocchio.buildModelFromXML(compose_robot(arm, visuals=False, hand=hand))
-    names = robot_joint_names(hand) if arm else hand.joint_names
+    names = all_joint_names(arm, hand)
     return model, model.createData(), np.array([model.joints[model.getJointId(name)].idx_q for name in names])
 
 
 def _bodies(arm: bool, hand: Hand, T_world_root: NDArray[np.float64], q: NDArray[np.float64]) -> list[Body]:
     model, data, index = _kinematics(arm, hand)
     configuration = np.zeros(model.nq)
-    configuration[index] = q
+    configuration[index] = all_positions(arm, hand, q)
     pinocchio.framesForwardKinematics(model, data, configuration)
     return [
         visual.body.placed(T_world_root @ data.oMf[model.getFrameId(visual.link)].homogeneous)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from pipeline.hand.model import Hand
-from pipeline.hand.robot import ARM_JOINT_NAMES, robot_file, robot_joint_names
+from pipeline.hand.robot import ARM_JOINT_NAMES, all_joint_names, all_positions, robot_file
 from pipeline.motion.arm_model import ARM_ACCELERATION
 
 # Franka Emika, "Robot and interface specifications", limits for Panda
@@ -130,16 +130,20 @@ def _check(limit: _Limit, values: NDArray[np.float64], times: NDArray[np.float64
 
 
 def weight_torques(hand: Hand, q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the torques (n, J), N m, with which the hand's joints carry the fingers' own weight at ``q`` (n, R)."""
+    """Return the torques (n, J), N m, with which the hand's joints carry the fingers' own weight at ``q`` (n, R).
+
+    Those of coupled joints count at the joint that drives them.
+    """
     model = pin.buildModelFromUrdf(str(robot_file(True, hand)))
     data = model.createData()
-    joints = [model.joints[model.getJointId(name)] for name in robot_joint_names(hand)]
+    joints = [model.joints[model.getJointId(name)] for name in all_joint_names(True, hand)]
     place, speed = [joint.idx_q for joint in joints], [joint.idx_v for joint in joints[7:]]
-    torques = np.zeros((len(q), len(speed)))
-    for row, angles in enumerate(q):
+    torques = np.zeros((len(q), hand.joint_count))
+    for row, angles in enumerate(all_positions(True, hand, q)):
         configuration = np.zeros(model.nq)
         configuration[place] = angles
-        torques[row] = pin.computeGeneralizedGravity(model, data, configuration)[speed]
+        carried = hand.physical.multiplier * pin.computeGeneralizedGravity(model, data, configuration)[speed]
+        np.add.at(torques[row], hand.physical.driver, carried)
     return torques
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -19,11 +19,27 @@ def first_mistake(error: ValidationError, kind: str = "parameter") -> str:
     Args:
         kind: what unknown names would be, in the reader's words.
     """
-    first = error.errors()[0]
-    where = ".".join(str(part) for part in first["loc"])
-    unknown = first["type"] == "extra_forbidden"
-    text = f"unknown {kind} (misspelt?)" if unknown else first["msg"].removeprefix("Value error, ")
-    return (f"{where}: {text}" if where else text) + ("" if _says_how(dict(first)) else "; correct it there")
+    return _mistake(dict(error.errors()[0]), kind)
+
+
+def _mistake(mistake: Mapping[str, Any], kind: str) -> str:
+    where = ".".join(str(part) for part in mistake["loc"])
+    unknown = mistake["type"] == "extra_forbidden"
+    text = f"unknown {kind} (misspelt?)" if unknown else mistake["msg"].removeprefix("Value error, ")
+    return (f"{where}: {text}" if where else text) + ("" if _says_how(mistake) else "; correct it there")
+
+
+def all_mistakes(error: ValidationError, kind: str) -> list[str]:
+    """Return what :func:`first_mistake` says, of every refused value."""
+    return [_mistake(dict(one), kind) for one in error.errors()]
+
+
+def one_sentence(where: object, mistakes: Sequence[str]) -> str:
+    """Return what is wrong with a file: the only mistake, or all of them, numbered, in one line."""
+    if len(mistakes) == 1:
+        return f"{where}: {mistakes[0]}."
+    listed = "; ".join(f"({number}) {mistake}" for number, mistake in enumerate(mistakes, start=1))
+    return f"{where} has {len(mistakes)} mistakes: {listed}."
 
 
 def _says_how(mistake: Mapping[str, Any]) -> bool:

@@ -43,7 +43,7 @@ class Margins:
 class JointLimits:
     """What limits the forces at the contacts besides friction."""
 
-    torque: float  # N m, of every joint
+    torque: float | NDArray[np.float64]  # N m, of every joint, or (J,) of each; N of joints that slide
     torsion_radius: float  # m; a contact of normal force N bears a moment of friction x N x this about its normal
 
 
@@ -142,7 +142,8 @@ def _columns(
     moment += limits.torsion_radius * corners[None, :, 2:] * contacts.inward[:, None]
     length = np.linalg.norm(contacts.points, axis=1).mean()
     moved = np.abs(contacts.jacobians).max((0, 1)) > 0
-    torque = np.einsum("nkc,ncj->nkj", push, contacts.jacobians[..., moved]) / limits.torque
+    torque = np.einsum("nkc,ncj->nkj", push, contacts.jacobians[..., moved])
+    torque /= np.broadcast_to(limits.torque, moved.shape)[moved]
     whole = np.concatenate([push, moment / length, torque], axis=2)
     return np.ascontiguousarray(whole.reshape(-1, whole.shape[2]).T), length
 

@@ -40,7 +40,7 @@ def margin_columns(
 
     Each as if the hand held nothing else: grips share no joint.
     """
-    limits = JointLimits(physics.hand_torque_limit, torsional_friction(1.0, physics.tip_patch_radius))
+    limits = JointLimits(grasp.hand.physical.together(physics), torsional_friction(1.0, physics.tip_patch_radius))
     found = [
         margins(grip_contacts(grip, grasp.q, grasp.hand), grip.held.prepared.mass, settings.friction, limits)
         for grip in grasp.grips

@@ -30,7 +30,7 @@ def hand(request: pytest.FixtureRequest, toy: Hand) -> Hand:
 
 def test_kinematics_and_limits_agree_with_pinocchio(hand: Hand) -> None:
     pinocchio = pytest.importorskip("pinocchio")
-    model = pinocchio.buildModelFromUrdf(str(hand.urdf))
+    model = pinocchio.buildModelFromXML(hand.standard_urdf)
     columns = [model.joints[model.getJointId(name)].idx_q for name in hand.joint_names]
     assert model.nq == hand.joint_count
     np.testing.assert_allclose(hand.lower, model.lowerPositionLimit[columns])
@@ -151,11 +151,13 @@ def test_a_mistake_in_a_description_is_answered_with_a_sentence(tmp_path: Path, 
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ('type="revolute"', 'type="prismatic"', "'left_turn' is prismatic; only revolute and fixed"),
-        ("<axis", '<mimic joint="far_bend"/><axis', "'left_turn' mimics another one, which is not supported"),
-        ('lower="-0.4"', 'lower="2.4"', "'left_turn' needs limits, lower < upper"),
-        ('<origin xyz="0 0 0.03"/>', '<origin xyz="0 0 0.03" rpy="0 1 0"/>', "'left_near' has a box that is turned"),
-        ('<sphere radius="0.008"/>', '<mesh filename="a.stl"/>', "'left_tip' has a mesh for .* under `shapes`"),
+        ('type="revolute"', 'type="planar"', "'left_turn' of toy.urdf is planar; make it revolute or prismatic"),
+        ('type="revolute"', 'type="prismatic"', "'left_turn' slides, .* give it stiffness, damping and limit"),
+        ("<axis", '<mimic joint="far_bend"/><axis', "joints names 'left_turn', which follows 'far_bend'; remove it"),
+        ("<axis", '<mimic joint="left_turn"/><axis', "'left_turn' of toy.urdf follows itself; mend its mimic"),
+        ("<axis", '<mimic joint="elbow"/><axis', "'left_turn' of toy.urdf follows 'elbow', which does not move"),
+        ('lower="-0.4"', 'lower="2.4"', "'left_turn' of toy.urdf needs limits, lower < upper"),
+        ('<sphere radius="0.008"/>', '<mesh filename="a.stl"/>', "there is no mesh a.stl in the folder"),
         ("</robot>", "", "is not XML"),
         ('xyz="0 0 0.03"', 'xyz="0 0 high"', "the URDF has a value that is no number .*high"),
         ('link name="camera"', 'link name="lens"', "the joint 'camera_joint' has no child link"),
@@ -182,6 +184,21 @@ def test_a_joint_of_the_urdf_that_is_not_described_is_named(tmp_path: Path) -> N
                 },
             )
         )
+
+
+def test_all_mistakes_are_told_at_once(tmp_path: Path) -> None:
+    file = write_toy(
+        tmp_path / "toy",
+        {"tips": ["left_pad"], "joints": [*description()["joints"], "wrist"], "colour": "red", "palm_normal": [0, 1]},
+    )
+    with pytest.raises(UserError, match=r"has 3 mistakes: \(1\) .*palm_normal.*\(3\) colour: unknown") as caught:
+        hand_of_file(file)
+    assert "\n" not in str(caught.value)
+    text = urdf_text().replace('lower="-0.4"', 'lower="2.4"')
+    with pytest.raises(
+        UserError, match=r"has 4 mistakes: .*'left_pad'.*'left_turn' of.*'right_turn' of.*'far_turn' of"
+    ):
+        hand_of_file(write_toy(tmp_path / "other", {"tips": ["left_pad"]}, text))
 
 
 def test_an_unknown_hand_and_an_unknown_style_name_those_there_are() -> None:

@@ -45,6 +45,46 @@ def urdf_text() -> str:
     return f'<robot name="toy"><link name="plate">{_box("0.12 0.12 0.02", "0 0 0")}</link>{fingers}{frame}</robot>'
 
 
+def coupled_urdf() -> str:
+    """Return the URDF with two couplings: the left finger's second joint follows its first, and the far one's likewise.
+
+    The far finger's first joint slides.
+    """
+    text = urdf_text()
+    for name, mimic in (
+        ("left", '<mimic joint="left_turn" multiplier="1.2" offset="-0.1"/>'),
+        ("far", '<mimic joint="far_turn" multiplier="-20" offset="0.3"/>'),
+    ):
+        marker = f'<parent link="{name}_near"/><child link="{name}_tip"/>'
+        assert marker in text
+        text = text.replace(marker, marker + mimic)
+    slider = '<joint name="far_turn" type="prismatic">'
+    start = text.index('<joint name="far_turn" type="revolute">')
+    end = text.index("</joint>", start)
+    own = text[start:end].replace('<joint name="far_turn" type="revolute">', slider)
+    own = own.replace('lower="-0.4" upper="1.4" effort="5"', 'lower="-0.04" upper="0.03" effort="40"')
+    return text[:start] + own + text[end:]
+
+
+def coupled_changes() -> dict[str, Any]:
+    """Return what the description of that hand says differently."""
+    base = description()
+    base["fingers"]["left"]["joints"] = ["left_turn"]
+    base["fingers"]["far"]["joints"] = ["far_turn"]
+    base["styles"]["pinch"]["posture"] = [0.1, 0.1, 0.2, 0.0]
+    return {
+        "joints": ["left_turn", "right_turn", "right_bend", "far_turn"],
+        "fingers": base["fingers"],
+        "styles": base["styles"],
+        "drives": {"joints": {"far_turn": {"stiffness": 4000.0, "damping": 100.0}}},
+    }
+
+
+def write_coupled(folder: Path) -> Path:
+    """Write the toy with couplings and a sliding joint, and return its description's file."""
+    return write_toy(folder, coupled_changes(), coupled_urdf())
+
+
 def description() -> dict[str, Any]:
     """Return what the description says."""
     return {

@@ -115,7 +115,7 @@ def test_nothing_imports_what_stands_around_it(folder, outside):
         ("mlflow", {"track"}),
         ("viser", {"pictures", "view", "replay"}),
         ("sapien", {"physics", "replay"}),
-        ("mujoco", {"physics"}),
+        ("mujoco", {"physics", "hand"}),
     ],
 )
 def test_a_package_is_known_to_its_rooms_alone(package, rooms):
@@ -125,6 +125,10 @@ def test_a_package_is_known_to_its_rooms_alone(package, rooms):
 def test_only_physics_and_the_camera_of_a_replay_know_the_simulator():
     elsewhere = {file for file in users("sapien") | users("mani_skill") if not file.startswith("physics/")}
     assert elsewhere == {"replay/sapien_camera.py"}
+
+
+def test_outside_of_physics_mujoco_only_reads_its_own_format():
+    assert {file for file in users("mujoco") if not file.startswith("physics/")} == {"hand/mjcf.py"}
 
 
 def test_the_page_names_everything_that_is_there():

@@ -26,6 +26,7 @@ COMMANDS = (
     "view",
     "docs",
     "audit",
+    "describe-hand",
 )
 TOOLS = ("bash", "dirname", "sha256sum", "cat", "id", "grep", "env")
 

@@ -5,6 +5,7 @@ Used by tests only. It shares with the kernel the hand's description and nothing
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,14 +41,19 @@ def skew(w: torch.Tensor) -> torch.Tensor:
 class EnergyOracle:
     def __init__(self, prepared: PreparedObject, energy: EnergyParameters, style: StyleParameters, hand: Hand) -> None:
         self.prepared, self.energy, self.style, self.hand = prepared, energy, style, hand
-        self.chain = pytorch_kinematics.build_chain_from_urdf(self.hand.urdf.read_bytes()).to(dtype=DTYPE)
+        text = self.hand.urdf.read_bytes()
+        self.chain = pytorch_kinematics.build_chain_from_urdf(text).to(dtype=DTYPE)
+        mimics = {joint.get("name"): joint.find("mimic") for joint in ElementTree.fromstring(text).iter("joint")}
         order = self.chain.get_joint_parameter_names()
-        self.columns = [self.hand.joint_names.index(name) for name in order]
+        drivers = [name if mimics[name] is None else mimics[name].get("joint") for name in order]
+        self.columns = [self.hand.joint_names.index(name) for name in drivers]
+        self.gain = tensor([1.0 if mimics[name] is None else float(mimics[name].get("multiplier")) for name in order])
+        self.shift = tensor([0.0 if mimics[name] is None else float(mimics[name].get("offset")) for name in order])
         self.kinks: list[float] = []
         torch.set_num_threads(1)
 
     def links(self, q: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        poses = self.chain.forward_kinematics(q[self.columns][None])
+        poses = self.chain.forward_kinematics((self.gain * q[self.columns] + self.shift)[None])
         matrices = torch.stack([poses[name].get_matrix()[0] for name in self.hand.link_names])
         return matrices[:, :3, :3], matrices[:, :3, 3]
 

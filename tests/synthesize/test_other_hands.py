@@ -12,13 +12,14 @@ from pipeline.hand.model import Hand, hand_of_file, load_hand
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.synthesize import EnergyParameters, OptimizerParameters, StyleParameters
 from pipeline.synthesize.candidates import Request, synthesize
-from tests.hand.toy import write_toy
+from tests.hand.toy import write_coupled, write_toy
 from tests.synthesize import shapes
 from tests.synthesize.energy_oracle import EnergyOracle
 from tests.synthesize.styles import some_style
 
 SETS = {
     "toy": [["left", "right"], ["left", "right", "far"]],
+    "coupled": [["left", "right"], ["left", "right", "far"]],
     "dclaw": [["one", "two"], ["one", "two", "three"]],
 }
 
@@ -30,19 +31,24 @@ def toy(tmp_path_factory: pytest.TempPathFactory) -> Hand:
 
 def style_of(name: str, **changes: object) -> StyleParameters:
     counts = {"+".join(fingers): len(fingers) for fingers in SETS[name]}
-    reach = {"toy": (0.08, 0.14), "dclaw": (0.16, 0.23)}[name]
+    reach = {"toy": (0.08, 0.14), "coupled": (0.08, 0.14), "dclaw": (0.16, 0.23)}[name]
     return some_style(
         finger_sets=SETS[name], contacts=counts, table_clearance=0.005, distance_from_palm=reach, **changes
     )
 
 
-@pytest.mark.parametrize("name", ["toy", "dclaw"])
-def test_terms_and_gradient_equal_autograd(name: str, toy: Hand) -> None:
-    hand = toy if name == "toy" else load_hand(name)
+@pytest.fixture(scope="module")
+def coupled(tmp_path_factory: pytest.TempPathFactory) -> Hand:
+    return hand_of_file(write_coupled(tmp_path_factory.mktemp("hands") / "coupled"))
+
+
+@pytest.mark.parametrize("name", ["toy", "coupled", "dclaw"])
+def test_terms_and_gradient_equal_autograd(name: str, toy: Hand, coupled: Hand) -> None:
+    hand = {"toy": toy, "coupled": coupled}.get(name) or load_hand(name)
     prepared, energy, rng = shapes.cylinder(), EnergyParameters(), np.random.default_rng(4)
     count, contacts = 16, 3
     rotation = Rotation.random(count, random_state=4)
-    distance = rng.uniform(0.04 if name == "toy" else 0.12, 0.15 if name == "toy" else 0.22, (count, 1))
+    distance = rng.uniform(0.12 if name == "dclaw" else 0.04, 0.22 if name == "dclaw" else 0.15, (count, 1))
     position = -rotation.as_matrix() @ hand.palm_normal * distance + rng.normal(0, 0.02, (count, 3))
     share = rng.uniform(-0.1, 1.1, (count, hand.joint_count))
     grasps = Grasps(
@@ -94,6 +100,23 @@ def test_a_made_up_hand_grasps(toy: Hand) -> None:
     )[0]
     R = Rotation.from_quat(row["quaternion_object_hand"], scalar_first=True).as_matrix()
     np.testing.assert_allclose(local @ R.T + row["position_object_hand"], np.stack(row["contact_points"]), atol=1e-9)
+
+
+def test_a_hand_with_coupled_and_sliding_joints_grasps(coupled: Hand) -> None:
+    request = Request(
+        shapes.cylinder(),
+        "pinch",
+        1,
+        EnergyParameters(),
+        OptimizerParameters(batch=16, polish_iterations=100),
+        style_of("coupled", chains=16, iterations=300),
+        hand=coupled,
+    )
+    rows = synthesize(request, workers=1)
+    q = np.stack(rows["q"].tolist())
+    assert q.shape == (16, 4) and (q >= coupled.lower).all() and (q <= coupled.upper).all()
+    assert np.ptp(q[:, 3]) > 0.002  # m, the joint that slides is used
+    assert (rows["rejected_by"] == "").sum() >= 1
 
 
 def test_released_seeds_need_a_released_posture(toy: Hand) -> None:

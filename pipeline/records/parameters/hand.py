@@ -7,6 +7,7 @@ that link's own frame.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal, Self
@@ -14,7 +15,7 @@ from typing import Literal, Self
 import yaml
 from pydantic import Field, ValidationError, model_validator
 
-from pipeline.records.errors import UserError, first_mistake
+from pipeline.records.errors import UserError, all_mistakes, one_sentence
 from pipeline.records.parameters.section import Section
 
 PALM = "palm"
@@ -26,13 +27,38 @@ Side = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 
 
 class UrdfSource(Section):
-    """Where the hand's URDF is."""
+    """Where the hand's URDF or MJCF is."""
 
     package: str | None = Field(
-        None, description="Installed Python package that contains the URDF; null: the folder of hand.yaml contains it."
+        None, description="Installed Python package that contains the file; null: the folder of hand.yaml contains it."
     )
     path: str = Field(
-        description="Path of the URDF within the package or folder. The URDF names its meshes relative to itself."
+        description="Path, within the package or folder, of the URDF or MJCF, or of a folder with only one. Meshes are "
+        "looked for relative to the URDF's folder and to its parents; `package://` is taken as one of them."
+    )
+    root: str | None = Field(
+        None, description="Link whose frame is the hand's; only what hangs on it is read. null: the file's only root."
+    )
+
+
+class DriveDescription(Section):
+    """The drive of a joint, where it differs from that of `physics`."""
+
+    stiffness: float | None = Field(None, gt=0, description="[N m/rad; N/m of a joint that slides] Stiffness.")
+    damping: float | None = Field(None, gt=0, description="[N m s/rad; N s/m of a joint that slides] Damping.")
+    limit: float | None = Field(None, gt=0, description="[N m; N of a joint that slides] Largest torque or force.")
+
+
+class DrivesDescription(Section):
+    """The drives of the hand's joints; what is not given is `physics.hand_stiffness` and so on."""
+
+    limits_of_urdf: bool = Field(
+        False, description="Take the torque limit of every joint from the URDF's `effort`, where it has one."
+    )
+    joints: dict[str, DriveDescription] = Field(
+        default_factory=dict,
+        description="Drives by joint, coupled ones too. A joint that slides needs stiffness and damping, and a limit "
+        "where the URDF has no `effort`.",
     )
 
 
@@ -50,7 +76,9 @@ class FingerDescription(Section):
 
     links: list[str] = Field(min_length=1, description="Links that hold objects, ordered from base to tip.")
     joints: list[str] = Field(
-        default_factory=list, description="Joints that move the finger, ordered from base to tip; none for the palm."
+        default_factory=list,
+        description="Joints that move the finger, ordered from base to tip; none for the palm, and for a finger that "
+        "only follows another one.",
     )
     base: str | None = Field(
         None, description="Link of the finger before the first of `links`, if it has one that does not hold objects."
@@ -79,7 +107,7 @@ class BoxDescription(Section):
 
 
 class ShapesDescription(Section):
-    """Boxes and spheres that replace the shapes of a link, where the URDF has a mesh, a cylinder or a rotated box."""
+    """Boxes and spheres in place of those that would be fitted to the URDF's shapes of a link."""
 
     boxes: list[BoxDescription] = Field(default_factory=list, description="Boxes of the link.")
     spheres: list[SphereDescription] = Field(default_factory=list, description="Spheres of the link.")
@@ -205,7 +233,13 @@ class HandDescription(Section):
     title: str = Field(min_length=1, description="Name of the hand in reports and pictures.")
     urdf: UrdfSource
     joints: list[str] = Field(
-        min_length=1, description="All movable joints, in the order of the column q of all tables."
+        min_length=1,
+        description="All joints that move by themselves, in the order of the column q of all tables. Those that the "
+        "URDF lets follow another one (`mimic`) are left out.",
+    )
+    drives: DrivesDescription = Field(DrivesDescription.model_validate({}))
+    density: float = Field(
+        1000.0, gt=0, description="[kg/m3] Density of links for which the URDF gives shapes but no mass and inertia."
     )
     fingers: dict[str, FingerDescription] = Field(
         description="Fingers by name; the part of the hand that does not move is called `palm`."
@@ -221,6 +255,13 @@ class HandDescription(Section):
     tips: list[str] = Field(description="Links that have the friction of fingertips.")
     shapes: dict[str, ShapesDescription] = Field(
         default_factory=dict, description="Shapes by link, which replace all of the URDF's shapes of that link."
+    )
+    shape_error: float = Field(
+        0.002,
+        gt=0,
+        le=0.02,
+        description="[m] How far the surface of boxes and balls fitted to meshes, cylinders and turned boxes may be "
+        "from theirs. Fits are coarser where this would take more than 62 shapes.",
     )
     contacts: dict[str, list[ContactDescription]] = Field(description="Contact candidates by link.")
     may_overlap: list[tuple[str, str]] = Field(
@@ -240,37 +281,34 @@ class HandDescription(Section):
 
     @model_validator(mode="after")
     def _joints_agree(self) -> Self:
+        mistakes = [*self._mistakes_of_joints(), *self._mistakes_of_styles()]
+        if mistakes:
+            raise ValueError("; ".join(mistakes))
+        return self
+
+    def _mistakes_of_joints(self) -> Iterator[str]:
         if len(set(self.joints)) < len(self.joints):
-            raise ValueError("joints lists a joint twice; remove one")
+            yield "joints lists a joint twice; remove one"
         owners: dict[str, str] = {}
         for name, finger in self.fingers.items():
             if not FINGER_NAME.fullmatch(name):
-                raise ValueError(
-                    f"the finger name {name!r}: use lower-case letters, digits and underscores, and begin with a letter"
-                )
-            if (name == PALM) != (not finger.joints):
-                raise ValueError(f"fingers.{name}: the palm must have no joints, and every finger some")
+                yield f"the finger name {name!r}: use lower-case letters, digits and underscores, a letter first"
+            if name == PALM and finger.joints:
+                yield f"fingers.{name}: the palm must have no joints; remove them"
             for joint in finger.joints:
                 if joint not in self.joints:
-                    raise ValueError(f"fingers.{name}.joints: {joint!r} is not in joints; add it there, or correct it")
+                    yield f"fingers.{name}.joints: {joint!r} is not in joints; add it there, or correct it"
                 if owners.setdefault(joint, name) != name:
-                    raise ValueError(
-                        f"the joint {joint!r} is in both fingers {owners[joint]} and {name}; remove it from one"
-                    )
+                    yield f"the joint {joint!r} is in both fingers {owners[joint]} and {name}; remove it from one"
             if finger.straight is not None and len(finger.straight) != len(finger.joints):
-                raise ValueError(f"fingers.{name}.straight needs {len(finger.joints)} angles, one per joint")
-            for row in finger.holding.bent if finger.holding else ():
-                if len(row) != len(finger.joints) - 1:
-                    raise ValueError(
-                        f"fingers.{name}.holding.bent needs an angle per joint after the first in each row"
-                    )
+                yield f"fingers.{name}.straight needs {len(finger.joints)} angles, one per joint"
+            if finger.holding and any(len(row) + 1 != len(finger.joints) for row in finger.holding.bent):
+                yield f"fingers.{name}.holding.bent needs an angle per joint after the first in each row"
         for joint in self.joints:
             if joint not in owners:
-                raise ValueError(f"the joint {joint!r} is in no finger; add it to one")
-        return self
+                yield f"the joint {joint!r} is in no finger; add it to one"
 
-    @model_validator(mode="after")
-    def _fingers_agree(self) -> Self:
+    def _mistakes_of_styles(self) -> Iterator[str]:
         named = {"opposing": self.opposing}
         for name, style in self.styles.items():
             for field in ("fingers", "held", "waiting"):
@@ -279,17 +317,14 @@ class HandDescription(Section):
             for field in ("posture", "released_posture"):
                 angles = getattr(style, field)
                 if angles is not None and len(angles) != len(self.joints):
-                    raise ValueError(f"styles.{name}.{field} needs {len(self.joints)} angles, one per joint")
+                    yield f"styles.{name}.{field} needs {len(self.joints)} angles, one per joint"
             for finger in style.waiting:
                 if finger in self.fingers and self.fingers[finger].straight is None:
-                    raise ValueError(
-                        f"styles.{name}.waiting: the finger {finger!r} has no straight posture; give it one"
-                    )
+                    yield f"styles.{name}.waiting: the finger {finger!r} has no straight posture; give it one"
         for where, names in named.items():
             for finger in names:
                 if finger not in self.fingers:
-                    raise ValueError(f"{where}: {finger!r} is not a finger; use {', '.join(self.fingers)}")
-        return self
+                    yield f"{where}: {finger!r} is not a finger; use {', '.join(self.fingers)}"
 
 
 @lru_cache(maxsize=8)
@@ -306,4 +341,4 @@ def read_description(file: Path) -> HandDescription:
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise UserError(f"{file} is not valid YAML: {' '.join(str(error).split())}; correct it there.") from error
     except ValidationError as error:
-        raise UserError(f"{file}: {first_mistake(error, 'field')}.") from error
+        raise UserError(one_sentence(file, all_mistakes(error, "field"))) from error

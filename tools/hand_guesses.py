@@ -1,0 +1,177 @@
+"""What a hand's kinematics say about grasping: where its fingertips meet, who faces whom, which sides look inwards.
+
+Guesses from random postures, for a description that a person then reads; see ``tools.describe_hand``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.hand.contacts import distance_to_shapes
+from pipeline.hand.kinematics import link_poses, points_on_links
+from pipeline.hand.model import Hand
+from pipeline.hand.surface import farthest_points, hand_surface
+from pipeline.records.parameters.hand import PALM
+
+POSTURES = 6000  # random ones
+BEST = 40  # of them that say where fingers meet
+EXTREME = 0.01  # m, that joints all at their limits count as being off
+HELD_RADIUS = 0.035  # m, of what fingertips are to close about
+FACING = 0.5  # cosine between a surface's normal and the way to where the fingers meet
+ALONE, TOGETHER = -0.2, 0.1  # mean cosines between fingertips, seen from there: one that opposes, those that it opposes
+TIP_CONTACTS, OTHER_CONTACTS = 14, 6
+OVERLAPPING = 0.9  # share of postures in which shapes that overlap do so by design
+MOST_GROUPS = 32
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """How fingertips close about a ball."""
+
+    q: NDArray[np.float64]  # (J,) the best posture
+    centre: NDArray[np.float64]  # (3,) of the ball, hand frame
+    directions: Mapping[str, NDArray[np.float64]]  # by finger, unit, from there to its tip
+    miss: float  # m, how far tips are from the ball's surface, root mean square
+
+
+def tip_points(hand: Hand) -> dict[str, tuple[int, NDArray[np.float64]]]:
+    """Return, by finger, its last link and the middle of that link's farthest shape, link frame."""
+    found = {}
+    for finger, links in hand.finger_links.items():
+        if finger == PALM:
+            continue
+        link = hand.link(links[-1])
+        centres = np.concatenate(
+            [
+                hand.box_pose[hand.box_link == link, :3, 3],
+                hand.sphere_centre[hand.sphere_link == link],
+                np.zeros((1, 3)),
+            ]
+        )
+        found[finger] = link, centres[np.linalg.norm(centres, axis=1).argmax()]
+    return found
+
+
+def meeting(hand: Hand) -> Meeting:
+    """Return where the fingertips meet best, among random postures."""
+    tips = tip_points(hand)
+    rng = np.random.Generator(np.random.PCG64(0))
+    q = rng.uniform(hand.lower, hand.upper, (POSTURES, hand.joint_count))
+    links, points = np.array([link for link, _ in tips.values()]), np.array([point for _, point in tips.values()])
+    places = points_on_links(link_poses(hand, q), links, points)  # (n, fingers, 3)
+    centre = places.mean(1)
+    away = np.linalg.norm(places - centre[:, None], axis=2)
+    apart = np.min(
+        [np.linalg.norm(places[:, a] - places[:, b], axis=1) for a, b in combinations(range(len(tips)), 2)], 0
+    )
+    miss = np.sqrt(((away - HELD_RADIUS) ** 2).mean(1)) + np.maximum(0.015 - apart, 0.0)
+    bent = ((2 * (q - hand.lower) / (hand.upper - hand.lower) - 1) ** 2).mean(1)
+    order = np.argsort(miss + EXTREME * bent, kind="stable")[:BEST]
+    middle = centre[order].mean(0)
+    mean = (places[order] - centre[order, None]).mean(0)
+    unit = mean / np.linalg.norm(mean, axis=1, keepdims=True)
+    near = order[np.linalg.norm(centre[order] - middle, axis=1).argmin()]
+    return Meeting(q[near], centre[near], dict(zip(tips, unit, strict=True)), float(miss[order[0]]))
+
+
+def opposing(found: Meeting) -> list[str]:
+    """Return the finger that all others face, if there is one: the thumb, where one is called so."""
+    if "thumb" in found.directions:
+        return ["thumb"]
+    names, units = list(found.directions), np.array(list(found.directions.values()))
+    if len(names) == 2:
+        return names[:1]
+    cosines = units @ units.T
+    alone = (cosines.sum(1) - 1) / (len(names) - 1)
+    first = int(alone.argmin())
+    rest = [index for index in range(len(names)) if index != first]
+    together = np.mean([cosines[a, b] for a, b in combinations(rest, 2)])
+    return [names[first]] if alone[first] < ALONE and together > TOGETHER else []
+
+
+def inner_contacts(hand: Hand, found: Meeting) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Return contact candidates by link, points and normals (n, 3): what of the last two links looks inwards."""
+    owner, local = hand_surface(4000, hand)
+    T = link_poses(hand, found.q[None])[0]
+    contacts = {}
+    for finger, names in hand.finger_links.items():
+        for name in names[-2:] if finger != PALM else ():
+            link = hand.link(name)
+            points = local[owner == link]
+            normals = _normals(hand, link, points)
+            world = points @ T[link, :3, :3].T + T[link, :3, 3]
+            inward = found.centre - world
+            inward /= np.linalg.norm(inward, axis=1, keepdims=True)
+            facing = ((normals @ T[link, :3, :3].T) * inward).sum(1) > FACING
+            exposed = np.abs(_distance(hand, link, points)) < 1e-6
+            chosen = np.flatnonzero(facing & exposed)
+            count = min(len(chosen), TIP_CONTACTS if name == names[-1] else OTHER_CONTACTS)
+            if count:
+                chosen = chosen[farthest_points(points[chosen], count)]
+                contacts[name] = points[chosen], normals[chosen]
+    return contacts
+
+
+def _shapes_of(hand: Hand, link: int):  # type: ignore[no-untyped-def]  # noqa: ANN202
+    boxes = [
+        (pose, half) for own, pose, half in zip(hand.box_link, hand.box_pose, hand.box_half, strict=True) if own == link
+    ]
+    balls = [
+        (centre, float(radius))
+        for own, centre, radius in zip(hand.sphere_link, hand.sphere_centre, hand.sphere_radius, strict=True)
+        if own == link
+    ]
+    return boxes, balls
+
+
+def _distance(hand: Hand, link: int, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    return distance_to_shapes(points, *_shapes_of(hand, link))
+
+
+def _normals(hand: Hand, link: int, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    step = 1e-6 * np.eye(3)
+    slopes = np.stack([_distance(hand, link, points + d) - _distance(hand, link, points - d) for d in step], axis=1)
+    return slopes / np.maximum(np.linalg.norm(slopes, axis=1, keepdims=True), 1e-12)
+
+
+def overlapping_pairs(hand: Hand) -> list[tuple[str, str]]:
+    """Return pairs of links, other than parent and child, whose shapes overlap in nearly all postures."""
+    rng = np.random.Generator(np.random.PCG64(1))
+    q = rng.uniform(hand.lower, hand.upper, (30, hand.joint_count))
+    owner, local = hand_surface(1500, hand)
+    T = link_poses(hand, q)
+    world = points_on_links(T, owner, local)
+    found = []
+    for one, other in combinations(range(len(hand.link_names)), 2):
+        if one in (hand.parent[other],) or other in (hand.parent[one],):
+            continue
+        touching = np.zeros(len(q), dtype=bool)
+        for link, against in ((one, other), (other, one)):
+            points = world[:, owner == link] - T[:, against, None, :3, 3]
+            inside = np.einsum("bji,bnj->bni", T[:, against, :3, :3], points)
+            flat = _distance(hand, against, inside.reshape(-1, 3)).reshape(len(q), -1)
+            touching |= (flat < 0).any(1)
+        if touching.mean() >= OVERLAPPING:
+            found.append((hand.link_names[one], hand.link_names[other]))
+    return found
+
+
+def groups(pairs: Sequence[tuple[str, str]]) -> list[list[str]]:
+    """Return groups of links in which every two are one of the pairs, the largest first, that cover all pairs."""
+    known = {frozenset(pair) for pair in pairs}
+    left, found = set(known), []
+    for pair in pairs:
+        if frozenset(pair) not in left:
+            continue
+        group = list(pair)
+        for name in sorted({name for other in pairs for name in other}):
+            if name not in group and all(frozenset((name, own)) in known for own in group):
+                group.append(name)
+        left -= {frozenset(two) for two in combinations(group, 2)}
+        found.append(group)
+    return sorted(found, key=len, reverse=True)[:MOST_GROUPS]
