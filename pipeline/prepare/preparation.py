@@ -48,11 +48,13 @@ def prepare_object(
     shape: ObjectParameters | MeshParameters,
     parameters: PrepareParameters,
     raw: sources.RawMesh | None = None,
+    must_stand: bool = True,
 ) -> PreparedObject:
     """Return the prepared object.
 
     Args:
         raw: its triangles, where they have been read already.
+        must_stand: refuse an object that does not stand with its ``up`` axis upward.
 
     Raises:
         UserError: the source is missing or cannot become one solid that stands with its ``up`` axis upward.
@@ -62,7 +64,7 @@ def prepare_object(
     faces = solid.faces
     vertices = frame.canonical_vertices(solid.vertices, faces, shape.up, shape.turn)
     standing = resting.stance(vertices)
-    if not _stands(standing):
+    if must_stand and not _stands(standing):
         raise _falls_over(name, shape.up, standing, solid)
     volume, _, inertia = mass.solid_properties(vertices, faces)
     parts, lost = convex_parts.convex_parts(vertices, faces, parameters)
