@@ -70,7 +70,7 @@ def bodex(target: Path, grasps: Sequence[Own], hand: Hand) -> None:
 
 
 def bench(folder: Path, grasps: Sequence[Own]) -> None:
-    """As DexGraspBench's `convert_format.py` saves a file each: the root's rotation times that of (0, 1, 0, 1) inverted."""
+    """As DexGraspBench's `convert_format.py` saves a file each: the rotation times that of (0, 1, 0, 1) inverted."""
     folder.mkdir()
     palm = Rotation.from_quat(np.array([0.0, 1.0, 0.0, 1.0]) / np.sqrt(2), scalar_first=True)
     for index, own in enumerate(grasps):
@@ -117,7 +117,9 @@ def own_csv(target: Path, grasps: Sequence[Own], hand: Hand) -> None:
     with target.open("w", newline="") as file:
         writer = csv.writer(file)
         names = [f"joint_{index}" for index in range(len(hand.joint_names))]
-        writer.writerow(["x", "y", "z", "qw", "qx", "qy", "qz", "fingers", *names, *(f"squeeze:{name}" for name in names)])
+        writer.writerow(
+            ["x", "y", "z", "qw", "qx", "qy", "qz", "fingers", *names, *(f"squeeze:{name}" for name in names)]
+        )
         for own in grasps:
             (T,) = own.T_object_hand
             writer.writerow([*T[:3, 3], *wxyz(T[:3, :3]), own.fingers[0], *own.q, *own.squeeze_q])
