@@ -82,8 +82,8 @@ def record(name: TrialName, hand: Hand) -> Episode:
     inputs, row, differing = run_again(name, hand, recorder)
     if differing:
         raise UserError(
-            f"{name} goes otherwise here than in {name.table} (in {', '.join(differing)}); run `dvc repro {name.stage}` "
-            "for a table of this machine, or leave trials out with --trials 0."
+            f"{name} goes otherwise here than in {name.table} (in {', '.join(differing)}); run "
+            f"`dvc repro {name.stage}` for a table of this machine, or leave trials out with --trials 0."
         )
     outcome = "success" if row["success"] else f"failed: {row['reason']}"
     about = About(str(name), tuple(item.name for item in inputs.objects), outcome, inputs.settings.sponge_height)

@@ -10,15 +10,17 @@ import yaml
 
 from pipeline.records.ordinals import ORDINALS
 from pipeline.share.columns import GRASP_COLUMNS
-from pipeline.share.publication import TABLE, Split
+from pipeline.share.publication import TABLE, TRAIN, Split
 
 SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
 LARGEST = "n>1M"
+# Figures of the summary that are about the model's grasps.
+LEARNED = tuple(f"evaluate.learned.{name}" for name in ("trials", "success_rate_mean", "success_rate_min_pair"))
 TAGS = ["robotics", "grasping", "dexterous-manipulation", "allegro-hand", "multi-object"]
 FRAMES = (
-    "Lengths are metres, angles radians, quaternions w, x, y, z. The hand frame is the Allegro's `base_link` (palm normal "
-    "+x, fingers +z, index finger on the side of +y); an object's frame is that of its mesh in `objects/`: origin at the "
-    "centre of mass, z up."
+    "Lengths are metres, angles radians, quaternions w, x, y, z. The hand frame is the Allegro's `base_link` (palm "
+    "normal +x, fingers +z, index finger on the side of +y); an object's frame is that of its mesh in `objects/`: "
+    "origin at the centre of mass, z up."
 )
 
 
@@ -76,9 +78,9 @@ def dataset_card(
     )
     parts = [
         f"# {title}",
-        f"{rows} grasps in which one Allegro hand (right) holds two objects: the first with thumb, index and middle finger, "
-        "the second with ring finger and palm. Every grasp passed all checks, physics with both objects in the hand among "
-        "them; `dataset.md` says how they came about.",
+        f"{rows} grasps in which one Allegro hand (right) holds two objects: the first with thumb, index and middle "
+        "finger, the second with ring finger and palm. Every grasp passed all checks, physics with both objects in the "
+        "hand among them; `dataset.md` says how they came about.",
         _table(("source", "split", "grasps"), [(own.source, own.name, f"{own.rows}") for own in splits]),
         "`test` holds grasps that the model has not learned from: one of their two halves was held out.",
         "## Read it",
@@ -93,8 +95,8 @@ def dataset_card(
     if trials:
         parts += [
             "## Trials",
-            f"`trials/` holds {trials} simulated trials with a Panda arm as a LeRobot v3 data set: measured joints, drive "
-            "targets, object poses, phases (subtasks), task text and, where it was asked for, a film.",
+            f"`trials/` holds {trials} simulated trials with a Panda arm as a LeRobot v3 data set: measured joints, "
+            "drive targets, object poses, phases (subtasks), task text and, where it was asked for, a film.",
         ]
     if model:
         parts += [
@@ -137,9 +139,9 @@ def model_card(title: str, config: Mapping[str, Any], summary: Mapping[str, Any]
     pairs = ", ".join(f"{first} then {second}" for first, second in config["pairs"])
     parts = [
         f"# {title}: the model",
-        "Draws grasps of two objects in one Allegro hand from the two objects' point clouds: 16 joints and the poses of "
-        "both objects in the hand. A diffusion model that predicts the clean grasp; the clouds are encoded by a "
-        f"PointNet++. Trained on the split `{TRAIN_SPLIT}` of {len(config['pairs'])} pairs: {pairs}.",
+        "Draws grasps of two objects in one Allegro hand from the two objects' point clouds: 16 joints and the poses "
+        "of both objects in the hand. A diffusion model that predicts the clean grasp; the clouds are encoded by a "
+        f"PointNet++. Trained on the split `{TRAIN}` of {len(config['pairs'])} pairs: {pairs}.",
         "`model.safetensors` holds the averaged weights, `model.json` architecture and normalisation, `history.csv` "
         "the losses. Nothing in these files can run code.",
         "## Use\n\nPut the files into `models/train/` of a clone; `python -m pipeline.sample` and "
@@ -151,7 +153,3 @@ def model_card(title: str, config: Mapping[str, Any], summary: Mapping[str, Any]
         "a robot moves.",
     ]
     return top + "\n" + "\n\n".join(parts) + "\n"
-
-
-TRAIN_SPLIT = "train"
-LEARNED = tuple(f"evaluate.learned.{name}" for name in ("trials", "success_rate_mean", "success_rate_min_pair"))

@@ -50,7 +50,7 @@ def clone(empty_folder, repository) -> Path:
     content = yaml.safe_load((repository / "params.yaml").read_text())
     content["validate"] |= {"gravity_directions": ["-z", "+x"], "gravity_seconds": 0.5}
     content["robustness"] |= {"ladder": [], "conditions": 1}
-    content["prepare"] |= {"distance_cells": 48, "surface_points": 512}
+    content["prepare"] |= {"distance_cells": 48, "surface_points": 2000}
     content["compute"]["workers"] = 1
     (empty_folder / "params.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     block = trimesh.creation.box([0.042] * 3)
