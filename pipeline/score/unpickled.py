@@ -344,8 +344,8 @@ def read_npy(source: Path) -> Any:
             content = file.read()
     except FileNotFoundError as error:
         raise UserError(f"{source} is missing; name a file of grasps.") from error
-    except (ValueError, OSError, EOFError, MemoryError) as error:
-        raise UserError(f"{source} is no npy file that can be read ({error}); export it again.") from error
+    except Exception as error:  # numpy's reader of headers raises whatever the damage happens to trigger
+        raise UserError(f"{source} is no npy file that can be read ({str(error)[:120]}); export it again.") from error
     try:
         return _Machine().run(content)
     except Refused as error:

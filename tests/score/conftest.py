@@ -41,7 +41,7 @@ def placed(turn: float = 0.0, shift: float = 0.0) -> Own:
 @pytest.fixture
 def grasps() -> list[Own]:
     """As found, turned by a quarter, and with the hand beside the block."""
-    return [placed(), placed(turn=90.0), placed(shift=0.03)]
+    return [placed(), placed(turn=90.0), placed(shift=0.09)]
 
 
 @pytest.fixture

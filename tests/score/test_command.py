@@ -6,11 +6,16 @@ import numpy as np
 import pandas as pd
 import pytest
 import trimesh
+from scipy.spatial.transform import Rotation
 
+from pipeline.hand.kinematics import link_poses
+from pipeline.records.parameters import read_parameters
 from pipeline.records.poses import inverse_pose
 from pipeline.score.__main__ import main
 from pipeline.score.assignment import assign
 from pipeline.score.foreign import Hold
+from pipeline.score.frames import Placed, check_frames
+from tests.objects import box_distance, exact_grid, prepared
 from tests.score import foreign_files
 from tests.score.conftest import in_mesh_frame
 from tests.score.foreign_files import Own
@@ -65,25 +70,44 @@ def in_millimetres(T, q):
     return T, q
 
 
-def of_the_left_hand(T, q):
-    """The grasp seen in a mirror, as a left hand does it whose description is the mirror image of the right one's."""
-    mirror = np.diag([1.0, -1.0, 1.0, 1.0])
-    return mirror @ T @ mirror, q
-
-
 @pytest.mark.parametrize(
     ("change", "hint"),
     [
         (lambda T, q: (inverse_pose(T), q), "--inverse"),
         (in_millimetres, "divide them by 1000"),
         (lambda T, q: (T, np.degrees(q)), "degrees"),
-        (of_the_left_hand, "mirror image"),
     ],
 )
 def test_wrong_frames_are_recognised(clone, capsys, grasps, hand, change, hint):
     foreign_files.own_json(clone / "g.json", wrongly(change, grasps[:2]), hand)
     assert hint in refused(capsys, "g.json", "--object", "block.stl", "--unit", "m")
     assert not (clone / "scores").exists()
+
+
+@pytest.mark.parametrize("spread", [1, -1])
+def test_a_left_hand_is_recognised(grasps, hand, spread):
+    """A rod between the tips of index finger and thumb, seen in a mirror: a left hand's, however its joints are signed.
+
+    A right hand with the left one's joints has its index finger at the other end.
+    """
+    q = grasps[0].q.copy()
+    q[[0, 4, 8]] = 0.3
+    tips = [link_poses(hand, q[None])[0][hand.link(name)][:3, 3] for name in ("link_3.0_tip", "link_15.0_tip")]
+    along = (tips[1] - tips[0]) / np.linalg.norm(tips[1] - tips[0])
+    half = np.array([0.004, 0.004, np.linalg.norm(tips[1] - tips[0]) / 2 - 0.012])
+    T_hand_rod = np.eye(4)
+    T_hand_rod[:3, :3] = Rotation.align_vectors([along], [[0, 0, 1]])[0].as_matrix()
+    T_hand_rod[:3, 3] = (tips[0] + tips[1]) / 2
+    mesh = trimesh.creation.box(2 * half)
+    rod = prepared("rod", mesh, **exact_grid(mesh, box_distance(half), 0.03))
+    mirror = np.diag([1.0, -1.0, 1.0, 1.0])
+    left = inverse_pose(mirror @ T_hand_rod @ mirror)  # the rod is its own mirror image
+    q[[0, 4, 8]] *= spread
+    placed = [[Placed(rod, left, q)]]
+    found = check_frames(hand, placed, ("xyzw", placed), np.eye(4))
+    assert found.share == 0 and "mirror image of allegro" in found.hint and found.hinted_share == 1
+    right = [[Placed(rod, inverse_pose(T_hand_rod), np.where(np.isin(np.arange(16), [0, 4, 8]), 0.3, q))]]
+    assert check_frames(hand, right, ("xyzw", right), np.eye(4)).share == 1
 
 
 def test_the_other_order_of_quaternions_is_recognised(clone, capsys, grasps, hand):
@@ -94,9 +118,6 @@ def test_the_other_order_of_quaternions_is_recognised(clone, capsys, grasps, han
 
 
 def test_a_grasp_that_touches_is_not_called_wrong(clone, grasps, hand):
-    from pipeline.score.frames import Placed, check_frames
-    from tests.objects import box_distance, exact_grid, prepared
-
     mesh = trimesh.creation.box([0.042] * 3)
     block = prepared("block", mesh, **exact_grid(mesh, box_distance(np.full(3, 0.021)), 0.03))
     placed = [[Placed(block, own.T_object_hand[0], own.q)] for own in grasps]
@@ -105,9 +126,6 @@ def test_a_grasp_that_touches_is_not_called_wrong(clone, grasps, hand):
 
 
 def test_fingers_that_touch_hold(clone, grasps, hand):
-    from pipeline.records.parameters import read_parameters
-    from tests.objects import box_distance, exact_grid, prepared
-
     mesh = trimesh.creation.box([0.042] * 3)
     block = prepared("block", mesh, **exact_grid(mesh, box_distance(np.full(3, 0.021)), 0.03))
     settings = read_parameters().synthesize
@@ -123,7 +141,10 @@ def test_fingers_that_touch_hold(clone, grasps, hand):
     [
         (["missing.json", "--object", "block.stl"], "missing.json is missing"),
         (["g.json", "--object", "missing.stl"], "missing.stl is missing"),
-        (["g.json", "--object", "block.stl", "--object", "block.stl"], "1 object; give --object that many times"),
+        (
+            ["g.json", "--object", "block.stl", "--object", "block.stl", "--unit", "m"],
+            "1 object; give --object that many times",
+        ),
         (["g.json", "--object", "block.stl", "--hand", "nobody"], "no hand 'nobody'"),
         (["g.json", "--object", "block.stl", "--joints", "a,b"], "--joints names 2 joints for 16 values"),
     ],
