@@ -116,7 +116,6 @@ READINGS: tuple[Reading, ...] = (
     Reading("poses are of the object in the hand's frame: add --inverse", inverse_pose),
     Reading("positions are in millimetres: divide them by 1000", _moved(0.001)),
     Reading("positions are in centimetres: divide them by 100", _moved(0.01)),
-    Reading("joints are in degrees: convert them to radians", joints=lambda q, hand: np.radians(q)),
     Reading(
         "poses are of the root of DexGraspBench's MJCF: give them there, see docs/lab.md", lambda T: T @ BENCH_PALM
     ),

@@ -21,6 +21,8 @@ from pipeline.score.joints import JointMap, within_limits
 from pipeline.score.own_objects import ScoredObject
 from pipeline.score.scoring import ReadyGrasp
 
+FAR = np.pi  # rad beyond a limit, which no rounding and no other convention of zero explains
+
 
 @dataclass(frozen=True)
 class PlacedFile:
@@ -48,7 +50,8 @@ def place(
         inverse: the poses are those of the objects in the hand's frame.
 
     Raises:
-        UserError: there are more or fewer objects than the grasps hold, or the hand cannot hold two.
+        UserError: there are more or fewer objects than the grasps hold, the hand cannot hold two, or joints are far
+            beyond their limits.
     """
     count = len(file.grasps[0].holds)
     if any(len(grasp.holds) != count for grasp in file.grasps):
@@ -62,6 +65,11 @@ def place(
     placed, squeezes, excess = [], [], []
     for grasp in file.grasps:
         q, beyond = within_limits(grasp.joints[joints.columns], hand)
+        if beyond > FAR:
+            raise UserError(
+                f"{file.source} has joints {beyond:.3g} rad beyond the limits of the hand {hand.name}, so they are in "
+                "degrees, or of another hand; convert them to radians, or choose another --hand."
+            )
         own = []
         for source, hold in zip(objects, grasp.holds, strict=True):
             scored = source(grasp.scale)
