@@ -26,6 +26,7 @@ from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters import load_parameters
 from pipeline.records.poses import pose_matrix, transform_points
 from pipeline.records.sources import OF_ALL_PAIRS, SOURCES
+from pipeline.records.writing import check_writable
 from pipeline.stages.running import command
 
 if TYPE_CHECKING:
@@ -88,12 +89,10 @@ def plan(choice: Choice, places: Places, output: Path, dry_run: bool, fr3: bool 
     from pipeline.plan.limits import check_limits
     from pipeline.plan.playback import play, playback_strip
     from pipeline.plan.proposal import plan_csv, plan_record, propose, squeeze_torque, waypoints_of
-    from pipeline.records.writing import check_writable, whole_file, write_json
+    from pipeline.records.writing import whole_file, write_json
     from pipeline.stages.seeds import item_generator
 
-    if output.is_file():
-        raise UserError(f"{output} is a file; name a folder with --output.")
-    check_writable(output)
+    _check_output(output)
     _check_frames(choice.table, places.capture)
     hand = load_hand(ALLEGRO)
     grasp, names = _grasp(choice, hand, parameters["picks"])
@@ -127,6 +126,13 @@ def plan(choice: Choice, places: Places, output: Path, dry_run: bool, fr3: bool 
     told = "both objects were lifted and held" if outcome["success"] else f"ended early: {outcome['reason']}"
     print(f"dry run in simulation: {told}; wrote playback.json and playback.png to {output}")
     return bool(outcome["success"])
+
+
+def _check_output(output: Path) -> None:
+    """Refuse what is no folder to write to."""
+    if output.is_file():
+        raise UserError(f"{output} is a file; name a folder with --output.")
+    check_writable(output)
 
 
 def _check_frames(source: Path, capture: str | None) -> None:

@@ -34,24 +34,15 @@ def size_category(rows: int) -> str:
     return next((name for most, name in SIZES if rows < most), LARGEST)
 
 
-def dataset_card(
-    title: str, licence: str, splits: Sequence[Split], objects: Sequence[Mapping[str, str]], trials: int, model: bool
-) -> str:
-    """Return README.md of the data set.
-
-    Args:
-        objects: per object its `name`, `source` and `licence`.
-        trials: recorded ones.
-        model: whether a checkpoint lies beside.
-    """
+def _dataset_header(title: str, licence: str, splits: Sequence[Split]) -> str:
+    """Return the header of the data set's card."""
     sources = list(dict.fromkeys(split.source for split in splits))
     features = [{"name": column.name, **_feature(column.type)} for column in TABLE]
-    rows = sum(split.rows for split in splits)
-    top = header(
+    return header(
         {
             "license": licence.lower(),
             "pretty_name": title,
-            "size_categories": [size_category(rows)],
+            "size_categories": [size_category(sum(split.rows for split in splits))],
             "task_categories": ["robotics"],
             "tags": TAGS,
             "configs": [
@@ -76,6 +67,19 @@ def dataset_card(
             ],
         }
     )
+
+
+def dataset_card(
+    title: str, licence: str, splits: Sequence[Split], objects: Sequence[Mapping[str, str]], trials: int, model: bool
+) -> str:
+    """Return README.md of the data set.
+
+    Args:
+        objects: per object its `name`, `source` and `licence`.
+        trials: recorded ones.
+        model: whether a checkpoint lies beside.
+    """
+    rows = sum(split.rows for split in splits)
     parts = [
         f"# {title}",
         f"{rows} grasps in which one Allegro hand (right) holds two objects: the first with thumb, index and middle "
@@ -104,7 +108,7 @@ def dataset_card(
             "`model/` holds the generative model that was trained on `train`, with a card of its own.",
         ]
     parts += ["## Checksums", "`sha256sum -c SHA256SUMS` checks every file."]
-    return top + "\n" + "\n\n".join(parts) + "\n"
+    return _dataset_header(title, licence, splits) + "\n" + "\n\n".join(parts) + "\n"
 
 
 def _feature(kind: pa.DataType) -> dict[str, Any]:
