@@ -59,13 +59,16 @@ CONTEXT: dict[str, Any] = {
 }
 
 
-def croissant(name: str, text: str, licence: str, url: str, version: str, splits: Sequence[Split]) -> dict[str, Any]:
+def croissant(
+    name: str, text: str, licence: str, url: str, version: str, date: str, splits: Sequence[Split]
+) -> dict[str, Any]:
     """Return the content of ``croissant.json``.
 
     Args:
         text: what the data set is, in a paragraph.
         licence: its SPDX identifier.
-        url: where the data set, or the project, is found.
+        url: where the data set is found.
+        date: of publication, such as 2026-11-30.
     """
     return {
         "@context": CONTEXT,
@@ -77,8 +80,8 @@ def croissant(name: str, text: str, licence: str, url: str, version: str, splits
         "url": url,
         "version": version,
         "creator": {"@type": "sc:Organization", "name": "Sequential grasping"},
-        "datePublished": "2026-01-01",
-        "citeAs": "SeqMultiGrasp, IROS 2025; data of the project Sequential grasping",
+        "datePublished": date,
+        "citeAs": f"{name} {version}, made by the method of SeqMultiGrasp (IROS 2025)",
         "distribution": [_file(split) for split in splits],
         "recordSet": [_records(split) for split in splits],
     }

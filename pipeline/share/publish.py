@@ -10,8 +10,10 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
+import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,7 +45,7 @@ if TYPE_CHECKING:
 TITLE = "Sequential grasping: two objects in one hand"
 NAME = "sequential-grasping"
 VERSION = "1.0.0"
-URL = "https://github.com/hesic73/SeqMultiGrasp"
+URL = "https://example.org/sequential-grasping"  # where nobody has said another place
 FREE, NAMED = "MIT", "CC-BY-4.0"  # of recipes, and of scans whose authors must be named
 MODEL_FILES = ("model.safetensors", "model.json", "history.csv")
 
@@ -56,6 +58,7 @@ def command_line() -> argparse.ArgumentParser:
     parser.add_argument("output", type=Path, metavar="FOLDER", help="to write; it must not exist yet")
     parser.add_argument("--folder", type=Path, default=Path(), help=argparse.SUPPRESS)  # where ./dev was called
     parser.add_argument("--title", default=TITLE, help="of the data set (default: %(default)s)")
+    parser.add_argument("--url", default=URL, help="where the data set will be found (default: %(default)s)")
     parser.add_argument(
         "--trials", type=int, default=4, metavar="N", help="record N trials again (default: 4; 0: none)"
     )
@@ -89,11 +92,17 @@ def publish(chosen: argparse.Namespace) -> Path:
         card = dataset_card(chosen.title, licence, splits, objects, recorded, config is not None)
         (folder / CARD).write_text(card, encoding="utf-8")
         text = f"{sum(own.rows for own in splits)} grasps of two objects in one Allegro hand, checked in physics."
-        (folder / CROISSANT).write_text(json_text(croissant(NAME, text, licence, URL, VERSION, splits)))
+        (folder / CROISSANT).write_text(json_text(croissant(NAME, text, licence, chosen.url, VERSION, _date(), splits)))
         write_checksums(folder)
     told = ", ".join(f"{own.rows} {own.source} ({own.name})" for own in splits)
     print(f"{target}: {told}; {len(objects)} objects; {recorded} trials; model: {'yes' if config else 'no'}")
     return target
+
+
+def _date() -> str:
+    """Return the day of the clone's last commit, or today where there is none."""
+    told = subprocess.run(["git", "log", "-1", "--format=%cs"], capture_output=True, text=True)
+    return told.stdout.strip() or date.today().isoformat()
 
 
 def _model_config() -> Mapping[str, Any] | None:
