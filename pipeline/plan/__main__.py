@@ -26,6 +26,7 @@ from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters import load_parameters
 from pipeline.records.poses import pose_matrix, transform_points
 from pipeline.records.sources import OF_ALL_PAIRS, SOURCES
+from pipeline.records.writing import check_writable
 from pipeline.stages.running import command
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ class Choice:
     merged_id: int | None = None  # None: the first accepted grasp of the pair
 
 
-def plan(choice: Choice, places: Places, output: Path, dry_run: bool) -> bool:
+def plan(choice: Choice, places: Places, output: Path, dry_run: bool, fr3: bool = False) -> bool:
     """Plan one sequence, check it, write it, and return whether its dry run held both objects (True without one).
 
     Args:
@@ -74,6 +75,7 @@ def plan(choice: Choice, places: Places, output: Path, dry_run: bool) -> bool:
         places: where the objects stand.
         output: folder to write to.
         dry_run: also run the plan in simulation.
+        fr3: check the arm for the limits of the Franka Research 3, too.
 
     Raises:
         UserError: an input is unusable, no motion is found, or a limit of the hardware is exceeded.
@@ -83,15 +85,14 @@ def plan(choice: Choice, places: Places, output: Path, dry_run: bool) -> bool:
 
     from pipeline.hand.model import load_hand
     from pipeline.pictures.picture import png_bytes
+    from pipeline.plan.fr3 import check_fr3
     from pipeline.plan.limits import check_limits
     from pipeline.plan.playback import play, playback_strip
     from pipeline.plan.proposal import plan_csv, plan_record, propose, squeeze_torque, waypoints_of
-    from pipeline.records.writing import check_writable, whole_file, write_json
+    from pipeline.records.writing import whole_file, write_json
     from pipeline.stages.seeds import item_generator
 
-    if output.is_file():
-        raise UserError(f"{output} is a file; name a folder with --output.")
-    check_writable(output)
+    _check_output(output)
     _check_frames(choice.table, places.capture)
     hand = load_hand(ALLEGRO)
     grasp, names = _grasp(choice, hand, parameters["picks"])
@@ -100,7 +101,7 @@ def plan(choice: Choice, places: Places, output: Path, dry_run: bool) -> bool:
     )
     rng = item_generator(parameters["seed"], "plan", *names, grasp.merged_id)
     waypoints = waypoints_of(propose(table, grasp, hand, settings, rng), settings.control_frequency)
-    checks = check_limits(hand, waypoints, squeeze_torque(grasp, physics))
+    checks = check_limits(hand, waypoints, squeeze_torque(grasp, physics)) + (check_fr3(waypoints) if fr3 else [])
     for name in ("plan.csv", "playback.json", "playback.png"):  # of an earlier plan
         (output / name).unlink(missing_ok=True)
     write_json(output / "plan.json", plan_record(hand, table, grasp, str(choice.table), waypoints, checks))
@@ -125,6 +126,13 @@ def plan(choice: Choice, places: Places, output: Path, dry_run: bool) -> bool:
     told = "both objects were lifted and held" if outcome["success"] else f"ended early: {outcome['reason']}"
     print(f"dry run in simulation: {told}; wrote playback.json and playback.png to {output}")
     return bool(outcome["success"])
+
+
+def _check_output(output: Path) -> None:
+    """Refuse what is no folder to write to."""
+    if output.is_file():
+        raise UserError(f"{output} is a file; name a folder with --output.")
+    check_writable(output)
 
 
 def _check_frames(source: Path, capture: str | None) -> None:
@@ -292,12 +300,13 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--output", type=Path, default=Path("plan"), help="folder to write to (default: %(default)s)")
     parser.add_argument("--play", action="store_true", help="run the plan in simulation and draw it")
+    parser.add_argument("--fr3", action="store_true", help="check the arm for the limits of the Franka Research 3, too")
     chosen = parser.parse_args(arguments)
     if chosen.capture and (chosen.place0 or chosen.place1) or chosen.scene and not chosen.capture:
         parser.error("give --place0 and --place1, or --capture and --scene")
     places = Places((chosen.place0, chosen.place1), chosen.capture, chosen.scene)
     choice = Choice(chosen.table, chosen.second, chosen.merged_id)
-    return 0 if plan(choice, places, chosen.output, chosen.play) else 1
+    return 0 if plan(choice, places, chosen.output, chosen.play, chosen.fr3) else 1
 
 
 if __name__ == "__main__":

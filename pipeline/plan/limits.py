@@ -81,35 +81,36 @@ class Check:
 
 
 @dataclass(frozen=True)
-class _Limit:
+class Limit:
     """What hardware can do, and what to do about a sequence that asks for more."""
 
     name: str
     unit: str
-    lower: NDArray[np.float64]  # (joints,)
-    upper: NDArray[np.float64]  # (joints,)
+    lower: NDArray[np.float64]  # (joints,), or (m, joints) where it differs from moment to moment
+    upper: NDArray[np.float64]  # likewise
     joints: tuple[str, ...]
     source: str
     mend: str = OTHER_GRASP
 
 
-def _arm_limit(name: str, unit: str, bound: NDArray[np.float64]) -> _Limit:
-    return _Limit(f"arm {name}", unit, -bound, bound, ARM_JOINT_NAMES, ARM_SOURCE)
+def _arm_limit(name: str, unit: str, bound: NDArray[np.float64]) -> Limit:
+    return Limit(f"arm {name}", unit, -bound, bound, ARM_JOINT_NAMES, ARM_SOURCE)
 
 
-def _hand_limit(hand: Hand, name: str, unit: str, bound: float, source: str, mend: str = OTHER_GRASP) -> _Limit:
+def _hand_limit(hand: Hand, name: str, unit: str, bound: float, source: str, mend: str = OTHER_GRASP) -> Limit:
     bounds = np.full(hand.joint_count, bound)
-    return _Limit(f"hand {name}", unit, -bounds, bounds, hand.joint_names, source, mend)
+    return Limit(f"hand {name}", unit, -bounds, bounds, hand.joint_names, source, mend)
 
 
-def _check(limit: _Limit, values: NDArray[np.float64], times: NDArray[np.float64], waypoints: Waypoints) -> Check:
+def worst_use(limit: Limit, values: NDArray[np.float64], times: NDArray[np.float64], waypoints: Waypoints) -> Check:
     """Return the worst use of a limit.
 
     Args:
         values: (m, joints).
         times: (m,) s, when the values hold.
     """
-    middle, half = (limit.lower + limit.upper) / 2, (limit.upper - limit.lower) / 2
+    lower, upper = np.broadcast_to(limit.lower, values.shape), np.broadcast_to(limit.upper, values.shape)
+    middle, half = (lower + upper) / 2, (upper - lower) / 2
     used = np.abs(values - middle) / half
     row, joint = (int(index) for index in np.unravel_index(int(used.argmax()), used.shape))
     # a phase lasts from behind the last way-point of the one before to its own last
@@ -118,8 +119,8 @@ def _check(limit: _Limit, values: NDArray[np.float64], times: NDArray[np.float64
         name=limit.name,
         unit=limit.unit,
         value=float(values[row, joint]),
-        lower=float(limit.lower[joint]),
-        upper=float(limit.upper[joint]),
+        lower=float(lower[row, joint]),
+        upper=float(upper[row, joint]),
         used=float(used[row, joint]),
         joint=limit.joints[joint],
         time=float(times[row]),
@@ -160,8 +161,8 @@ def _arm_checks(waypoints: Waypoints) -> list[Check]:
     moments = np.minimum(ARM_PERIOD * np.arange(round(times[-1] / ARM_PERIOD) + 1), times[-1])
     acceleration = np.diff(told, axis=0) / step
     jerk = np.diff(acceleration, axis=0, prepend=np.zeros((1, 7))) / step
-    position = _Limit("arm position", "rad", ARM_LOWER, ARM_UPPER, ARM_JOINT_NAMES, ARM_SOURCE)
-    checks = [_check(position, spline(moments), moments, waypoints)]
+    position = Limit("arm position", "rad", ARM_LOWER, ARM_UPPER, ARM_JOINT_NAMES, ARM_SOURCE)
+    checks = [worst_use(position, spline(moments), moments, waypoints)]
     for order, (name, unit, bound, quotients) in enumerate(
         (
             ("velocity", "rad/s", ARM_VELOCITY, told[1:]),
@@ -171,22 +172,22 @@ def _arm_checks(waypoints: Waypoints) -> list[Check]:
         start=1,
     ):
         values = np.concatenate([spline(moments, order), quotients])
-        checks.append(_check(_arm_limit(name, unit, bound), values, np.concatenate([moments, times[1:]]), waypoints))
+        checks.append(worst_use(_arm_limit(name, unit, bound), values, np.concatenate([moments, times[1:]]), waypoints))
     return checks
 
 
 def _hand_checks(hand: Hand, waypoints: Waypoints, squeeze_torque: NDArray[np.float64]) -> list[Check]:
     times, q = waypoints.times, waypoints.q
     speeds = np.diff(q[:, 7:], axis=0) / (times[1] - times[0])
-    position = _Limit("hand position", "rad", hand.lower, hand.upper, hand.joint_names, HAND_ANGLE_SOURCE)
+    position = Limit("hand position", "rad", hand.lower, hand.upper, hand.joint_names, HAND_ANGLE_SOURCE)
     velocity = _hand_limit(hand, "velocity", "rad/s", HAND_VELOCITY, HAND_VELOCITY_SOURCE, SLOWER)
     squeezing = _hand_limit(hand, "torque of squeezing", "N m", HAND_TORQUE, HAND_TORQUE_SOURCE, WEAKER)
     weight = _hand_limit(hand, "torque of the fingers' weight", "N m", HAND_TORQUE, HAND_TORQUE_SOURCE)
     return [
-        _check(position, q[:, 7:], times, waypoints),
-        _check(velocity, speeds, times[1:], waypoints),
-        _check(squeezing, squeeze_torque[None], times[-1:], waypoints),
-        _check(weight, weight_torques(hand, q), times, waypoints),
+        worst_use(position, q[:, 7:], times, waypoints),
+        worst_use(velocity, speeds, times[1:], waypoints),
+        worst_use(squeezing, squeeze_torque[None], times[-1:], waypoints),
+        worst_use(weight, weight_torques(hand, q), times, waypoints),
     ]
 
 

@@ -60,15 +60,17 @@ class _Shape:
     surface: NDArray[np.float32]
 
 
-def _stood(name: str, solid: repair.Solid, up: str, turn: float | None) -> tuple[NDArray[np.float64], resting.Stance]:
+def _stood(
+    name: str, solid: repair.Solid, up: str, turn: float | None, must_stand: bool
+) -> tuple[NDArray[np.float64], resting.Stance]:
     """Return the vertices in the object's frame and how it stands.
 
     Raises:
-        UserError: it does not stand.
+        UserError: it does not stand, although it must.
     """
     vertices = frame.canonical_vertices(solid.vertices, solid.faces, up, turn)
     standing = resting.stance(vertices)
-    if not _stands(standing):
+    if must_stand and not _stands(standing):
         raise _falls_over(name, up, standing, solid)
     return vertices, standing
 
@@ -89,7 +91,11 @@ def _repaired(
 
 
 def _shaped(
-    name: str, raw: sources.RawMesh, shape: ObjectParameters | MeshParameters, parameters: PrepareParameters
+    name: str,
+    raw: sources.RawMesh,
+    shape: ObjectParameters | MeshParameters,
+    parameters: PrepareParameters,
+    must_stand: bool,
 ) -> _Shape:
     """Make one solid of triangles, stand it up, and sample it.
 
@@ -102,11 +108,11 @@ def _shaped(
     if isinstance(shape, MeshParameters):
         wishes, accept = repair.Wishes(shape.bodies, shape.wall), shape.accept_repair
     solid, changed = _repaired(name, raw, wishes, accept)
-    vertices, standing = _stood(name, solid, up, shape.turn)
+    vertices, standing = _stood(name, solid, up, shape.turn, must_stand)
     grid = resolution.resolved(vertices, solid.faces, parameters)
     if grid.passes_through_itself:
         solid, changed = _repaired(name, raw, replace(wishes, rebuild=True), accept)
-        vertices, standing = _stood(name, solid, up, shape.turn)
+        vertices, standing = _stood(name, solid, up, shape.turn, must_stand)
         grid = resolution.resolved(vertices, solid.faces, parameters)
     if not accept:
         resolution.check(grid, name)
@@ -122,6 +128,7 @@ def prepare_object(
     shape: ObjectParameters | MeshParameters,
     parameters: PrepareParameters,
     raw: sources.RawMesh | None = None,
+    must_stand: bool = True,
 ) -> PreparedObject:
     """Return the prepared object.
 
@@ -129,13 +136,14 @@ def prepare_object(
 
     Args:
         raw: its triangles, where they have been read already.
+        must_stand: refuse an object that does not stand with its ``up`` axis upward.
 
     Raises:
         UserError: the source is missing or cannot become one solid that stands with its ``up`` axis upward.
     """
     raw = raw or sources.raw_mesh(shape, name)
     try:
-        made = guarded(_shaped, name, raw, shape, parameters, cpu_seconds=CPU_SECONDS, megabytes=MEGABYTES)
+        made = guarded(_shaped, name, raw, shape, parameters, must_stand, cpu_seconds=CPU_SECONDS, megabytes=MEGABYTES)
     except CallLost as lost:
         raise UserError(
             f"{name}: no solid can be made of the mesh (repair {lost}); simplify or mend it in a modeller."

@@ -77,6 +77,32 @@ def write_video(
         UserError: the file cannot be written, or the renderer cannot be used.
     """
     check_writable(target)
+    pictures, shown, chosen = _pictures(recording, hand, film, renderer, workers)
+    frames = [
+        (picture, f"{recording.time[moment]:5.2f} s   {recording.phase[moment]}")
+        for picture, moment in zip(pictures, shown.tolist(), strict=True)
+    ]
+    frames += [(frames[-1][0], last_caption(recording.about, film.width))] * max(round(LAST_SECONDS * film.rate), 1)
+    write = _write_gif if target.suffix == ".gif" else _write_mp4
+    with whole_file(target) as temporary:
+        write(temporary, watched(map(_frame, frames), len(frames), f"writing {target.name}"), film)
+    return len(frames), chosen
+
+
+def write_film(target: Path, recordings: Sequence[Recording], hand: Hand, film: Film, workers: int) -> None:
+    """Write an mp4 of recordings one after the other, a picture per shown moment, without captions.
+
+    Every picture can be found by its time alone: picture k is shown from k / rate on, and few depend on each other.
+    """
+    frames = [png for recording in recordings for png in _pictures(recording, hand, film, "rays", workers)[0]]
+    with whole_file(target) as temporary:
+        _write_mp4(temporary, (_decoded(png) for png in frames), film, film.height, ("-g", "2"))
+
+
+def _pictures(
+    recording: Recording, hand: Hand, film: Film, renderer: str, workers: int
+) -> tuple[list[bytes], NDArray[np.int64], str]:
+    """Return a PNG per shown moment, the moments, and what drew them."""
     shown = shown_moments(recording.time, film.rate)
     serving = drawn_moments(recording, shown)
     looks = appearance(recording, hand)
@@ -85,15 +111,7 @@ def write_video(
     draw = _draw_with_sapien if chosen == "sapien" else _draw_with_rays
     drawn = draw(looks, [moving_poses(recording, hand, moment) for moment in distinct], film, workers)
     pictures = dict(zip(distinct, drawn, strict=True))
-    frames = [
-        (pictures[served], f"{recording.time[moment]:5.2f} s   {recording.phase[moment]}")
-        for moment, served in zip(shown.tolist(), serving.tolist(), strict=True)
-    ]
-    frames += [(frames[-1][0], last_caption(recording.about, film.width))] * max(round(LAST_SECONDS * film.rate), 1)
-    write = _write_gif if target.suffix == ".gif" else _write_mp4
-    with whole_file(target) as temporary:
-        write(temporary, watched(map(_frame, frames), len(frames), f"writing {target.name}"), film)
-    return len(frames), chosen
+    return [pictures[served] for served in serving.tolist()], shown, chosen
 
 
 def last_caption(about: About, width: int) -> str:
@@ -144,19 +162,30 @@ def _png(picture: Picture) -> bytes:
 def _frame(content: tuple[bytes, str]) -> Picture:
     """Return a picture, given as PNG, with its caption."""
     png, caption = content
-    return captioned(np.asarray(Image.open(io.BytesIO(png)).convert("RGB")), caption)
+    return captioned(_decoded(png), caption)
 
 
-def _write_mp4(target: Path, frames: Iterable[Picture], film: Film) -> None:
-    """Write H.264 in the form that browsers play, beginning before the whole file is there."""
+def _decoded(png: bytes) -> Picture:
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
+
+
+def _write_mp4(
+    target: Path, frames: Iterable[Picture], film: Film, height: int | None = None, options: Sequence[str] = ()
+) -> None:
+    """Write H.264 in the form that browsers play, beginning before the whole file is there.
+
+    Args:
+        height: of the pictures, pixels; None: that of the film with a caption.
+        options: more of the encoder's.
+    """
     writer = imageio_ffmpeg.write_frames(
         str(target),
-        (film.width, film.height + CAPTION_HEIGHT),
+        (film.width, film.height + CAPTION_HEIGHT if height is None else height),
         fps=film.rate,
         codec="libx264",
         macro_block_size=2,
         quality=None,
-        output_params=["-f", "mp4", "-crf", str(QUALITY), "-movflags", "+faststart"],
+        output_params=["-f", "mp4", "-crf", str(QUALITY), "-movflags", "+faststart", *options],
     )
     writer.send(None)
     with contextlib.closing(writer):

@@ -12,15 +12,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
-import pyarrow as pa
 
 from pipeline.records.errors import UserError
-from pipeline.records.flat import PAIR_GRASPS
 from pipeline.records.hands import ALLEGRO
 from pipeline.records.sources import OF_ALL_PAIRS, SOURCES
 from pipeline.records.tables import write_table
-from pipeline.share.grasps import GRASP_COLUMNS, grasps_of, pairs_asked_for
+from pipeline.share.grasps import grasps_of, pairs_asked_for
 from pipeline.share.project import STYLES, Project, objects_of, open_project
+from pipeline.share.publication import TABLE
 from pipeline.share.released import (
     pair_arrays,
     read_single_grasps,
@@ -31,12 +30,6 @@ from pipeline.share.released import (
 from pipeline.stages.running import command
 
 HDF5 = (".h5", ".hdf5")
-TABLE = pa.schema(
-    [
-        pa.field("source", pa.string(), metadata={"description": GRASP_COLUMNS["source"]}),
-        *(field.with_metadata({"description": field.metadata[b"description"]}) for field in PAIR_GRASPS),
-    ]
-)  # of FILE.parquet
 
 
 def command_line() -> argparse.ArgumentParser:

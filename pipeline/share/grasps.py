@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 import pandas as pd
 
@@ -11,16 +12,8 @@ from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.flat import PAIR_GRASPS
 from pipeline.records.sources import OF_ALL_PAIRS, SOURCES
-from pipeline.records.tables import description
 from pipeline.share.project import Project, objects_of, open_project, partners_of, read_pairs
-
-# What every column of `load_grasps` means.
-GRASP_COLUMNS = {
-    "source": " or ".join(f"`{source.name}` ({source.origin})" for source in OF_ALL_PAIRS.values()),
-    **{field.name: description(field) for field in PAIR_GRASPS},
-}
-_LEARNED_IDS = "; of a learned grasp, the number of the sample"
-GRASP_COLUMNS |= {name: GRASP_COLUMNS[name] + _LEARNED_IDS for name in ("grasp0_id", "grasp1_id")}
+from pipeline.share.publication import is_publication, published_tables
 
 
 def load_grasps(
@@ -32,7 +25,7 @@ def load_grasps(
     source: str | Iterable[str] = "synthesized",
     only_accepted: bool = True,
 ) -> pd.DataFrame:
-    """Return two-object grasps, one per row, with the columns of :data:`GRASP_COLUMNS`.
+    """Return two-object grasps, one per row, with the columns of :data:`pipeline.share.GRASP_COLUMNS`.
 
     Vectors are numpy arrays: ``np.stack(grasps["q"])`` is (grasps, 16). Lengths are metres, angles radians, quaternions
     w, x, y, z. The hand frame is the Allegro's ``base_link`` (palm normal +x, fingers +z, index finger on the side of
@@ -40,7 +33,8 @@ def load_grasps(
 
     Args:
         repository: the folder of a clone, whose files are read as they are; or a git address (or bare repository),
-            from which only the chosen tables are fetched, through its DVC remote.
+            from which only the chosen tables are fetched, through its DVC remote; or a folder of
+            `./dev publish-dataset`, which holds accepted grasps only.
         rev: branch, tag or commit; then data come from DVC's cache or remote, for a folder too.
         first, second: object or objects picked first (held by thumb, index and middle finger) and second (by ring
             finger and palm); all when left out.
@@ -51,8 +45,21 @@ def load_grasps(
         UserError: something is missing or damaged; the sentence says what and how to mend it.
     """
     sources = _among("source", source, tuple(OF_ALL_PAIRS), "this project")
+    if rev is None and is_publication(Path(repository)):
+        return _published(Path(repository), sources, first, second)
     with open_project(repository, rev) as project:
         return grasps_of(project, pairs_asked_for(project, first, second), sources, only_accepted)
+
+
+def _published(
+    folder: Path, sources: list[str], first: str | Iterable[str] | None, second: str | Iterable[str] | None
+) -> pd.DataFrame:
+    """Return the grasps of a published folder, as :func:`load_grasps` does."""
+    grasps = pd.concat(published_tables(folder, sources), ignore_index=True)
+    for column, what, wanted in (("object0", "first", first), ("object1", "second", second)):
+        chosen = _among(what, wanted, tuple(dict.fromkeys(grasps[column])), str(folder))
+        grasps = grasps[grasps[column].isin(chosen)]
+    return grasps.reset_index(drop=True)
 
 
 def grasps_of(

@@ -43,6 +43,7 @@ class Candidate:
     contact_normals: NDArray[np.float64]  # (n, 3) object frame, outward from the object
     hand: Hand
     support: Support = PLANE  # what the object stands on
+    squeeze_q: NDArray[np.float64] | None = None  # (J,) rad, drive targets where the grasp has its own
 
 
 def assigned_links(hand: Hand, fingers: tuple[str, ...]) -> tuple[str, ...]:
@@ -51,7 +52,12 @@ def assigned_links(hand: Hand, fingers: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def squeeze_target(candidate: Candidate, advance: float) -> NDArray[np.float64]:
-    """Return drive targets (J,), rad, that press the contacts by ``advance`` metres along the inward normals."""
+    """Return drive targets (J,), rad, that press the contacts by ``advance`` metres along the inward normals.
+
+    Where the candidate has targets of its own, those.
+    """
+    if candidate.squeeze_q is not None:
+        return candidate.squeeze_q
     T_hand_object = inverse_pose(candidate.T_object_hand)
     inward = -candidate.contact_normals @ T_hand_object[:3, :3].T
     return squeeze_joints(

@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs/architecture.md").read_text()
 ROOMS = sorted(path.parent.name for path in ROOT.glob("pipeline/*/__init__.py"))
-READERS = {"view", "replay", "plan", "share"}
+READERS = {"view", "replay", "plan", "share", "score"}
 STAGES = {path.parent.name for path in ROOT.glob("pipeline/*/__main__.py")} - READERS
 # Packages that take long to load, or that only a cluster needs: a module that runs without them imports them where it
 # needs them, or imports there another module that loads one of them.
@@ -133,7 +133,7 @@ def test_outside_of_physics_mujoco_only_reads_its_own_format():
 
 def test_the_page_names_everything_that_is_there():
     known = {path.name for path in ROOT.iterdir() if path.is_dir() and not path.name.startswith(".")}
-    beside = {"site", "plan", "replays", "grasps", "dvc_plots", "mlartifacts", "shared", "models", "reports"}
+    beside = {"site", "plan", "replays", "grasps", "scores", "dvc_plots", "mlartifacts", "shared", "models", "reports"}
     named = set(re.findall(r"`(\w+)/", PAGE))
     assert {name for name in known - beside if not name.endswith((".egg-info", "__pycache__"))} <= named
 

@@ -24,6 +24,8 @@ COMMANDS = (
     "capture",
     "replay",
     "view",
+    "score",
+    "publish-dataset",
     "docs",
     "audit",
     "describe-hand",
