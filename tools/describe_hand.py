@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import tempfile
 from pathlib import Path
 from textwrap import indent
 from typing import Any
@@ -150,8 +151,8 @@ def settings_of(name: str, content: dict[str, Any], found: Meeting) -> str:
     return head + yaml.safe_dump(body, sort_keys=False, default_flow_style=None, width=118)
 
 
-def describe(source: Path, name: str, folder: Path) -> tuple[str, str]:
-    """Return the texts of `hand.yaml` and of the settings; ``folder`` is where the former will lie.
+def describe(source: Path, name: str) -> tuple[str, str]:
+    """Return the texts of `hand.yaml` and of the settings.
 
     Raises:
         UserError: the file is no hand, or cannot be read.
@@ -159,23 +160,19 @@ def describe(source: Path, name: str, folder: Path) -> tuple[str, str]:
     if not FINGER_NAME.fullmatch(name):
         raise UserError(f"the name {name!r}: use lower-case letters, digits and underscores, and begin with a letter.")
     content, _, _ = first_description(source, source.stem.replace("_", " "), {"path": str(source)})
-    folder.mkdir(parents=True)
-    file = folder / DESCRIPTION
-    try:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / DESCRIPTION
         file.write_text(yaml.safe_dump(content, sort_keys=False))
         hand = hand_of_file(file)
-        found = meeting(hand)
-        content = completed(content, hand, found)
-        question = ""
-        if found.miss > 0.01:
-            question = (
-                f"the fingertips do not close about a ball of 35 mm radius ({1000 * found.miss:.0f} mm off at best); "
-                "which fingers hold objects, and how? Correct fingers, opposing and styles.pinch.posture."
-            )
-        return text_of(content, question), settings_of(name, content, found)
-    finally:
-        file.unlink(missing_ok=True)
-        folder.rmdir()
+    found = meeting(hand)
+    content = completed(content, hand, found)
+    question = ""
+    if found.miss > 0.01:
+        question = (
+            f"the fingertips do not close about a ball of 35 mm radius ({1000 * found.miss:.0f} mm off at best); "
+            "which fingers hold objects, and how? Correct fingers, opposing and styles.pinch.posture."
+        )
+    return text_of(content, question), settings_of(name, content, found)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -191,7 +188,7 @@ def main(arguments: list[str] | None = None) -> int:
             raise UserError(
                 f"there is a hand {given.name} already ({folder}, {settings}); remove it, or use another name."
             )
-        description, conf = describe((given.folder / given.file).resolve(), given.name, folder)
+        description, conf = describe((given.folder / given.file).resolve(), given.name)
     except UserError as error:
         print(f"describe-hand: {error}", file=sys.stderr)
         return 1

@@ -21,6 +21,7 @@ from pipeline.records.parameters.hand import PALM
 POSTURES = 6000  # random ones
 BEST = 40  # of them that say where fingers meet
 EXTREME = 0.01  # m, that joints all at their limits count as being off
+CROSSED = 0.03  # m, that fingers which all reach across the middle count as being off
 HELD_RADIUS = 0.035  # m, of what fingertips are to close about
 FACING = 0.5  # cosine between a surface's normal and the way to where the fingers meet
 ALONE, TOGETHER = -0.2, 0.1  # mean cosines between fingertips, seen from there: one that opposes, those that it opposes
@@ -71,12 +72,20 @@ def meeting(hand: Hand) -> Meeting:
     )
     miss = np.sqrt(((away - HELD_RADIUS) ** 2).mean(1)) + np.maximum(0.015 - apart, 0.0)
     bent = ((2 * (q - hand.lower) / (hand.upper - hand.lower) - 1) ** 2).mean(1)
-    order = np.argsort(miss + EXTREME * bent, kind="stable")[:BEST]
+    crossed = _crossed(hand, places - centre[:, None], list(tips))
+    order = np.argsort(miss + EXTREME * bent + CROSSED * crossed, kind="stable")[:BEST]
     middle = centre[order].mean(0)
     mean = (places[order] - centre[order, None]).mean(0)
     unit = mean / np.linalg.norm(mean, axis=1, keepdims=True)
     near = order[np.linalg.norm(centre[order] - middle, axis=1).argmin()]
     return Meeting(q[near], centre[near], dict(zip(tips, unit, strict=True)), float(miss[order[0]]))
+
+
+def _crossed(hand: Hand, away: NDArray[np.float64], fingers: Sequence[str]) -> NDArray[np.float64]:
+    """Return the share (n,) of fingers whose tips, ``away`` (n, fingers, 3) from the middle, are not on their side."""
+    rest = link_poses(hand, ((hand.lower + hand.upper) / 2)[None])[0]
+    bases = np.array([rest[hand.link(hand.finger_links[finger][0]), :3, 3] for finger in fingers])
+    return ((away * (bases - bases.mean(0))).sum(2) < 0).mean(1)
 
 
 def opposing(found: Meeting) -> list[str]:

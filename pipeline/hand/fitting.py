@@ -309,6 +309,7 @@ def exact_error(parts: Sequence[Part], solids: Sequence[Solid]) -> float:
         outside.append(points)
     points = np.concatenate(outside)
     at_least = np.min([one.depths(points) for one in solids], axis=0)
+    largest = max(largest, float(-at_least.min(initial=0.0)))  # what of the fit's surface lies inside
     farthest = points[np.argsort(-at_least, kind="stable")[:FARTHEST]]
     farthest = farthest[np.min([one.depths(farthest) for one in solids], axis=0) > NEAR]
     if len(farthest):

@@ -80,7 +80,7 @@ def physical_joints(description: HandDescription, urdf: Urdf) -> tuple[PhysicalJ
             urdf.mistakes.append(f"the joint {name!r} of {urdf.file.name} moves; add it to joints and to a finger")
     known = [name for name in followers if followers[name].joint in description.joints]
     names = (*description.joints, *known)
-    couplings = [followers.get(name, Follower(name, 1.0, 0.0)) for name in names]
+    couplings = [Follower(name, 1.0, 0.0) if name in description.joints else followers[name] for name in names]
     drives = np.array([_drive(name, description.drives, urdf) for name in names]).reshape(-1, 3)
     for name in description.drives.joints:
         if name not in names:

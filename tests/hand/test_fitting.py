@@ -72,7 +72,7 @@ def test_the_error_is_what_both_surfaces_are_apart(tmp_path: Path, kind: str) ->
         points = np.concatenate([trimesh.sample.sample_surface(one, 300, seed=5)[0], one.vertices[::8]])
         apart.append(np.abs(trimesh.proximity.closest_point_naive(other, points)[1]).max())
     assert max(apart) == pytest.approx(fit.error, abs=5e-4)
-    assert fit.error < 0.0035
+    assert fit.error < {"cylinder": 0.0025, "capsule": 0.0025}.get(kind, 0.0075)  # steps along other axes than its own
 
 
 def test_a_coarser_tolerance_takes_fewer_parts(tmp_path: Path) -> None:

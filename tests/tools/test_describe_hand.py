@@ -60,7 +60,7 @@ def test_what_cannot_be_described_leaves_nothing_behind(hands: Path, capsys: pyt
     assert list(hands.iterdir()) == []
     (hands / "toy").mkdir()
     assert describe_hand.main(["toy.urdf", "--name", "toy", "--folder", str(hands.parent)]) == 1
-    assert "is there already" in capsys.readouterr().err
+    assert "there is a hand toy already" in capsys.readouterr().err
 
 
 def test_the_finger_that_faces_the_others_opposes() -> None:
