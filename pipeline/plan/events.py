@@ -60,7 +60,7 @@ class _Events:
     def trajectories(self) -> Iterator[Event]:
         """Yield the trajectories of arm and hand, once, at the beginning."""
         plan, make = self.plan, self.messages.make
-        speeds = np.gradient(plan.q, plan.times, axis=0)
+        speeds = np.asarray(np.gradient(plan.q, plan.times, axis=0))
         speeds[:, :ARM_JOINTS] = plan.arm_velocity
         for topic, own in (("/arm", slice(0, ARM_JOINTS)), ("/hand", slice(ARM_JOINTS, None))):
             points = [
