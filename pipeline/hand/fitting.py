@@ -51,6 +51,16 @@ class Part:
         points = np.concatenate([trimesh.sample.sample_surface(box, 150, seed=2)[0], CORNERS * self.half])
         return points + self.centre
 
+    def outward(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return outward unit normals (n, 3) at points (n, 3) on the surface, of one face at edges."""
+        away = points - self.centre
+        if self.radius > 0:
+            return away / np.linalg.norm(away, axis=1, keepdims=True)
+        normals = np.zeros_like(away)
+        rows, axes = np.arange(len(away)), (np.abs(away) - self.half).argmax(1)
+        normals[rows, axes] = np.sign(away[rows, axes])
+        return normals
+
 
 class Solid:
     """A convex solid in its link's frame, with points on its surface."""
@@ -304,8 +314,8 @@ def exact_error(parts: Sequence[Part], solids: Sequence[Solid]) -> float:
     for part in parts:
         points = part.surface()
         for rest in parts:
-            if rest is not part:
-                points = points[rest.distances(points) >= -NEAR]
+            if rest is not part:  # where two parts touch the fit has no surface
+                points = points[rest.distances(points + 2 * NEAR * part.outward(points)) >= -NEAR]
         outside.append(points)
     points = np.concatenate(outside)
     at_least = np.min([one.depths(points) for one in solids], axis=0)

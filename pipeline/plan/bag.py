@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.records.errors import UserError
-from pipeline.records.hands import ARM_JOINTS
+from pipeline.records.hands import ALLEGRO, ARM_JOINTS
 from pipeline.records.parameters import load_parameters
 from pipeline.records.reading import read_json
 from pipeline.records.writing import check_writable, replace_folder, write_json
@@ -94,11 +94,12 @@ def write_bag(source: Path) -> Path:
     sponge_height = load_parameters(["evaluate"])["evaluate"].sponge_height
     from rosbags.rosbag2 import StoragePlugin, Writer
 
+    from pipeline.hand.model import load_hand
     from pipeline.plan.events import events
 
     with tempfile.TemporaryDirectory(dir=source.parent, prefix=".bag") as folder:
         made, written = Path(folder) / BAG, 0
-        messages, found = events(plan, sponge_height, START)
+        messages, found = events(plan, load_hand(ALLEGRO), sponge_height, START)
         with Writer(made, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
             connections = {
                 topic: writer.add_connection(topic, kind, typestore=messages.store) for topic, kind in KINDS.items()

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.hand.model import load_hand
+from pipeline.hand.model import Hand
 from pipeline.pictures.colours import OBJECT_COLOURS, SPONGE_COLOUR
 from pipeline.pictures.decimation import decimated
 from pipeline.plan.messages import Messages
 from pipeline.plan.tree import RobotTree
 from pipeline.records import paths
-from pipeline.records.hands import ALLEGRO, ARM_JOINTS
+from pipeline.records.hands import ARM_JOINTS
 from pipeline.records.kept import kept_object
 from pipeline.records.ordinals import ORDINALS
 from pipeline.records.poses import inverse_pose
@@ -28,13 +28,12 @@ BOX = 1  # of shape_msgs/SolidPrimitive
 ADD, REMOVE = 0, 1  # of moveit_msgs/CollisionObject
 
 
-def events(plan: Plan, sponge_height: float, start: float) -> tuple[Messages, list[Event]]:
+def events(plan: Plan, hand: Hand, sponge_height: float, start: float) -> tuple[Messages, list[Event]]:
     """Return the maker of messages, and all events of a plan.
 
     Args:
         start: s, stamp of the plan's first moment.
     """
-    hand = load_hand(ALLEGRO)
     made = _Events(plan, RobotTree(hand), hand.root, start)
     found = [*made.trajectories(), *made.states(), *made.frames(), *made.scenes(sponge_height)]
     text = "std_msgs/msg/String"

@@ -5,17 +5,17 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from pipeline.hand.model import Hand
 from pipeline.records.errors import UserError
 
-FINGER_CODES = {"ff": "index", "if": "index", "mf": "middle", "rf": "ring", "lf": "little", "th": "thumb"}
-# Joints along a finger in the names of Drake's Allegro.
-ALONG = {"axl": 0, "mcp": 1, "pip": 2, "dip": 3}
-ALONG_THUMB = {"cmc": 0, "axl": 1, "mcp": 2, "ipl": 3}
 NO_NAMES = "the file names no joints"
 EXCESS = 0.02  # rad beyond a joint's limit that is rounding
 
@@ -75,6 +75,12 @@ def map_joints(names: Sequence[str] | None, count: int, hand: Hand, chosen: Sequ
     )
 
 
+@lru_cache(maxsize=1)
+def _conventions() -> dict[str, Any]:
+    content: dict[str, Any] = yaml.safe_load(Path(__file__).with_name("joint_names.yaml").read_text())
+    return content
+
+
 def joint_of(name: str, hand: Hand) -> str | None:
     """Return the joint of a hand that a name means, None if there is none."""
     if name in hand.joint_names:
@@ -86,11 +92,11 @@ def joint_of(name: str, hand: Hand) -> str | None:
         return plain[_letters(name) + "_0"]
     menagerie = re.fullmatch(r"(?:.*[/:_])?(ff|mf|rf|lf|th)[ja]?(\d)", name.lower())
     if menagerie:
-        return _along(hand, FINGER_CODES[menagerie[1]], int(menagerie[2]))
+        return _along(hand, _conventions()["fingers"][menagerie[1]], int(menagerie[2]))
     drake = re.fullmatch(r"algr_[rl]h_(if|mf|rf|th)_([a-z]{3})(?:_.*)?", name.lower())
     if drake:
-        place = (ALONG_THUMB if drake[1] == "th" else ALONG).get(drake[2])
-        return None if place is None else _along(hand, FINGER_CODES[drake[1]], place)
+        place = _conventions()["joints_of_thumb" if drake[1] == "th" else "joints"].get(drake[2])
+        return None if place is None else _along(hand, _conventions()["fingers"][drake[1]], place)
     return None
 
 
