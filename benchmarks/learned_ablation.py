@@ -29,9 +29,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np  # noqa: E402
 import pandas as pd  # noqa: E402
+from learned_objectives import chosen_pairs, commit, composed  # noqa: E402
 
 import pipeline  # noqa: E402, F401  (sets the thread counts before numpy is imported)
-from learned_objectives import chosen_pairs, commit, composed  # noqa: E402
 from pipeline.energy.scene import compile_kernels  # noqa: E402
 from pipeline.evaluate.grasps import SequenceGrasp, grasp_from_row  # noqa: E402
 from pipeline.evaluate.trial import run_trial, trial_inputs  # noqa: E402
@@ -90,7 +90,7 @@ class Samples:
     seconds: dict[bool, float]  # CPU s of drawing and scoring
     parameters: Parameters
     fates: dict[tuple[bool, bool, bool, int], tuple[dict[str, Any], float]] = field(default_factory=dict)
-    outcomes: dict[tuple[int, bytes], str] = field(default_factory=dict)
+    outcomes: dict[tuple[int, str], str] = field(default_factory=dict)
     trial_seconds: float = 0.0
 
     def fate(self, refined: bool, check: bool, physics: bool, index: int) -> tuple[dict[str, Any], float]:
@@ -99,7 +99,7 @@ class Samples:
         if key not in self.fates:
             settings = self.task.settings.model_copy(update={"check": check, "physics": physics})
             pair = checked_pair(self.task.pair, settings)
-            self.fates[key] = timed(lambda: check_sample(pair, self.task.hand, self.states[refined], index))
+            self.fates[key] = timed(lambda: check_sample(pair, self.states[refined], index))
         return self.fates[key]
 
     def taken(self, steps: Steps, count: int) -> tuple[list[int], float]:
