@@ -21,6 +21,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+import pandas as pd  # noqa: E402
+
 import pipeline  # noqa: E402, F401  (sets the thread counts before numpy is imported)
 from pipeline.compute.fan_out import Workers, fan_out  # noqa: E402
 from pipeline.records import paths  # noqa: E402
@@ -49,10 +51,10 @@ def nothing(number: int) -> int:
     return number
 
 
-def digest_of(table: object) -> str:
+def digest_of(table: pd.DataFrame) -> str:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "validated.parquet"
-        write_table(file, table, VALIDATED)  # type: ignore[arg-type]
+        write_table(file, table, VALIDATED)
         return hashlib.md5(file.read_bytes()).hexdigest()
 
 

@@ -90,7 +90,7 @@ class Samples:
     seconds: dict[bool, float]  # CPU s of drawing and scoring
     parameters: Parameters
     fates: dict[tuple[bool, bool, bool, int], tuple[dict[str, Any], float]] = field(default_factory=dict)
-    outcomes: dict[tuple[int, bytes], str] = field(default_factory=dict)
+    outcomes: dict[tuple[int, str], str] = field(default_factory=dict)
     trial_seconds: float = 0.0
 
     def fate(self, refined: bool, check: bool, physics: bool, index: int) -> tuple[dict[str, Any], float]:
@@ -99,7 +99,7 @@ class Samples:
         if key not in self.fates:
             settings = self.task.settings.model_copy(update={"check": check, "physics": physics})
             pair = checked_pair(self.task.pair, settings)
-            self.fates[key] = timed(lambda: check_sample(pair, self.task.hand, self.states[refined], index))
+            self.fates[key] = timed(lambda: check_sample(pair, self.states[refined], index))
         return self.fates[key]
 
     def taken(self, steps: Steps, count: int) -> tuple[list[int], float]:

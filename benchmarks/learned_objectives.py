@@ -37,7 +37,7 @@ from pipeline.records import paths  # noqa: E402
 from pipeline.records.flat import PAIR_GRASPS, pair_rows, read_flat  # noqa: E402
 from pipeline.records.objects import load_prepared_object  # noqa: E402
 from pipeline.records.parameters import Parameters, read_parameters  # noqa: E402
-from pipeline.records.parameters.train import DiffusionParameters, TrainingParameters  # noqa: E402
+from pipeline.records.parameters.train import DiffusionParameters, SamplingParameters, TrainingParameters  # noqa: E402
 from pipeline.report.comparisons import OBJECTIVES_FILE, write_comparison  # noqa: E402
 from pipeline.sample.quality import grasp_distances, penetration_depth  # noqa: E402
 from pipeline.sample.refinement import PairEnergy, Scored, refine  # noqa: E402
@@ -115,7 +115,12 @@ def judge(energy: PairEnergy, grasps: GraspBatch, known: GraspBatch, refining: t
 
 
 def judge_samplers(
-    checkpoint: Checkpoint, examples: Examples, energies: dict[int, PairEnergy], settings, samples: int, seed: int
+    checkpoint: Checkpoint,
+    examples: Examples,
+    energies: dict[int, PairEnergy],
+    settings: SamplingParameters,
+    samples: int,
+    seed: int,
 ) -> list[dict[str, object]]:
     """Return one row per sampler and pair."""
     model, rows = checkpoint.model(), []

@@ -24,8 +24,15 @@ import yaml
 ROOT = Path(__file__).resolve().parent.parent
 BYTES = 200  # of a made-up file
 FILES_OF_OBJECT = ("mesh.ply", "shapes.npz", "object.json", "picture.png")
-REPORTS = ("index.html", "pairs.parquet", "dataset.md", "summary.json", "tracking.json", "survival.csv", "success.csv")
-REPORTS += ("learned_objectives.csv", "learned_ablation.csv")
+REPORTS = ["index.html", "pairs.parquet", "dataset.md", "summary.json", "tracking.json", "survival.csv", "success.csv"]
+REPORTS += ["learned_objectives.csv", "learned_ablation.csv"]
+
+
+class PlainDumper(yaml.SafeDumper):
+    """Writes what occurs several times in full each time."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        return True
 
 
 def parameters_of(count: int, partners: int) -> dict[str, Any]:
@@ -47,9 +54,7 @@ def fill(folder: Path, parameters: dict[str, Any]) -> None:
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("dvc.yaml", "constraints.txt", ".dvcignore", ".gitignore"):
         shutil.copy(ROOT / name, folder / name)
-    dumper = yaml.SafeDumper
-    dumper.ignore_aliases = lambda *_: True  # type: ignore[method-assign, assignment]
-    (folder / "params.yaml").write_text(yaml.dump(parameters, Dumper=dumper, sort_keys=False))
+    (folder / "params.yaml").write_text(yaml.dump(parameters, Dumper=PlainDumper, sort_keys=False))
 
     firsts, styles = parameters["styles"]["pinch"], parameters["styles"]
     outputs = ["data/raw/README.md", "models/train/model.json", "models/train/history.csv"]

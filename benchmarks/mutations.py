@@ -71,8 +71,10 @@ def changed(node: ast.AST) -> ast.AST | None:
             return new.operand
         case ast.Constant(value=bool()):
             new.value = not new.value
-        case ast.Constant(value=int() | float()):
-            new.value = new.value + 1 if isinstance(new.value, int) else new.value * 1.5 or 1.0
+        case ast.Constant(value=int(number)):
+            new.value = number + 1
+        case ast.Constant(value=float(number)):
+            new.value = number * 1.5 or 1.0
         case _:
             return None
     return new
@@ -95,11 +97,13 @@ def changes_of(room: Path) -> list[Change]:
     """Return every change that could be made in a room."""
     found = []
     for path in sorted(room.rglob("*.py")):
+        place = path.relative_to(room.parents[1]).as_posix()
         for node in statements(ast.parse(path.read_bytes())):
-            new = changed(node) if isinstance(node, ast.expr) else None
-            if new is not None and node.lineno == node.end_lineno:
-                place = path.relative_to(room.parents[1]).as_posix()
-                found.append(Change(place, node.lineno, node.col_offset, node.end_col_offset, f"({ast.unparse(new)})"))
+            match node:
+                case ast.expr(lineno=line, end_lineno=last, col_offset=begin, end_col_offset=int(end)) if line == last:
+                    new = changed(node)
+                    if new is not None:
+                        found.append(Change(place, line, begin, end, f"({ast.unparse(new)})"))
     return found
 
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -109,7 +109,10 @@ def timed(function: Callable[[], Any]) -> tuple[Any, float]:
 
 def weakest(margins: list[dict[str, float | None]]) -> dict[str, float]:
     """Return the margins of the object that is held worst, each by itself."""
-    values = {name: [np.inf if own[name] is None else own[name] for own in margins] for name in MARGINS.names}
+    values = {
+        name: [np.inf if margin is None else margin for margin in (own[name] for own in margins)]
+        for name in MARGINS.names
+    }
     return {name: (max if name in LOW_IS_GOOD else min)(own) for name, own in values.items()}
 
 
@@ -169,7 +172,7 @@ def tried(friction: float, inputs: TrialInput) -> dict[str, Any]:
     }
 
 
-def kept(file: Path, wanted: dict[tuple[Any, ...], Callable[[], dict[str, Any]]], names: list[str]) -> pd.DataFrame:
+def kept(file: Path, wanted: Mapping[tuple[Any, ...], Callable[[], dict[str, Any]]], names: list[str]) -> pd.DataFrame:
     """Return the rows of all wanted items, those that a file lacks computed and added to it.
 
     Args:

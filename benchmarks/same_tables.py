@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
@@ -30,6 +32,8 @@ PAIRS = {
 }
 AS_THEY_ARE = ("data/synthesize", "data/validate", "data/evaluate")
 BYTES = ("models/train", "data/capture", "data/reconstruct")
+
+Member = TypeVar("Member")
 
 
 def read(path: Path) -> pd.DataFrame:
@@ -58,20 +62,39 @@ def tables(root: Path) -> dict[str, pd.DataFrame]:
 
 def prepared(folder: Path) -> dict[str, np.ndarray]:
     """Return the arrays of a prepared object."""
-    mesh = trimesh.load(folder / "mesh.ply", process=False)
-    arrays = {"vertices": mesh.vertices, "faces": mesh.faces}
+    mesh = trimesh.load_mesh(folder / "mesh.ply", process=False)
+    arrays: dict[str, np.ndarray] = {"vertices": mesh.vertices, "faces": mesh.faces}
     if (folder / "shapes.npz").exists():
         item = read_prepared_object(folder)
         parts, distance = item.parts, item.distance
         surface = np.concatenate([item.surface_points, item.surface_normals], axis=1).astype(np.float32)
     else:
-        loaded = [trimesh.load(path, process=False) for path in sorted((folder / "parts").glob("*.ply"))]
+        loaded = [trimesh.load_mesh(path, process=False) for path in sorted((folder / "parts").glob("*.ply"))]
         parts = tuple((np.asarray(part.vertices), np.asarray(part.faces)) for part in loaded)
         distance, surface = np.load(folder / "distance.npy"), np.load(folder / "surface.npy")
     arrays |= {"distance": distance, "surface": surface}
     for number, (vertices, faces) in enumerate(parts):
         arrays |= {f"part {number} vertices": vertices, f"part {number} faces": faces}
     return arrays
+
+
+def objects(root: Path) -> dict[str, np.ndarray]:
+    """Return the arrays of all prepared objects of a checkout."""
+    return {
+        f"{path.name} {key}": value
+        for path in sorted((root / "data/prepare").glob("*"))
+        for key, value in prepared(path).items()
+    }
+
+
+def files(root: Path) -> dict[str, bytes]:
+    """Return all files of a checkout that are compared by their bytes."""
+    return {
+        path.relative_to(root).as_posix(): path.read_bytes()
+        for folder in BYTES
+        for path in sorted((root / folder).rglob("*"))
+        if path.is_file() and path.name != ".gitkeep"
+    }
 
 
 def same_cell(one: object, other: object) -> bool:
@@ -96,7 +119,9 @@ def differences(old: pd.DataFrame, new: pd.DataFrame) -> list[str]:
     ]
 
 
-def compare(name: str, old: dict, new: dict, differ) -> int:
+def compare(
+    name: str, old: dict[str, Member], new: dict[str, Member], differ: Callable[[Member, Member], list[str]]
+) -> int:
     """Print what differs between two collections, and return how many members do."""
     wrong = 0
     for key in sorted(old.keys() | new.keys()):
@@ -115,27 +140,10 @@ def main() -> int:
     parser.add_argument("old", type=Path, metavar="OLD")
     parser.add_argument("new", type=Path, metavar="NEW")
     chosen = parser.parse_args()
-    roots = chosen.old, chosen.new
-    wrong = compare("table", *map(tables, roots), differences)
-    objects = [
-        {
-            f"{path.name} {key}": value
-            for path in sorted((root / "data/prepare").glob("*"))
-            for key, value in prepared(path).items()
-        }
-        for root in roots
-    ]
-    wrong += compare("array", *objects, lambda a, b: [] if np.array_equal(a, b) else ["values"])
-    files = [
-        {
-            path.relative_to(root).as_posix(): path.read_bytes()
-            for folder in BYTES
-            for path in sorted((root / folder).rglob("*"))
-            if path.is_file() and path.name != ".gitkeep"
-        }
-        for root in roots
-    ]
-    wrong += compare("file", *files, lambda a, b: [] if a == b else ["bytes"])
+    old, new = chosen.old, chosen.new
+    wrong = compare("table", tables(old), tables(new), differences)
+    wrong += compare("array", objects(old), objects(new), lambda a, b: [] if np.array_equal(a, b) else ["values"])
+    wrong += compare("file", files(old), files(new), lambda a, b: [] if a == b else ["bytes"])
     return int(wrong > 0)
 
 

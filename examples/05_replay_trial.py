@@ -8,12 +8,13 @@
 import sys
 
 import seqgrasp
+from pipeline.evaluate.execution import Run
 
 name = sys.argv[1] if len(sys.argv) > 1 else "synthesized/cube/soup_can/3"
 began: dict[str, float] = {}
 
 
-def watch(run):
+def watch(run: Run) -> None:
     """Note when each phase begins, s of simulation."""
     began.setdefault(run.under_way, run.steps / run.scene.world.frequency)
 

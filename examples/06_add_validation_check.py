@@ -6,6 +6,7 @@ docs/architecture.md says where the same check goes to become part of the stage 
 """
 
 import numpy as np
+import pandas as pd
 import trimesh
 
 import seqgrasp
@@ -16,7 +17,7 @@ parameters = seqgrasp.read_parameters()
 hand = seqgrasp.load_hand("allegro")
 
 
-def joint_margin(row) -> tuple[dict[str, float], str]:
+def joint_margin(row: pd.Series) -> tuple[dict[str, float], str]:
     """Return the columns that the check adds to a grasp, and why it rejects the grasp, '' where it does not."""
     q = np.asarray(row["q"])
     own = [joint for finger in row["fingers"].split("+") for joint in hand.finger_joints[finger]]

@@ -3,6 +3,8 @@
 python examples/07_another_source_of_objects.py
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 import trimesh
 
@@ -12,7 +14,7 @@ parameters = seqgrasp.read_parameters()
 hand = seqgrasp.load_hand("allegro")
 
 
-def prisms():
+def prisms() -> Iterator[tuple[str, trimesh.Trimesh]]:
     """Yield names and meshes, m, of upright prisms with 3 to 6 corners and random sizes."""
     rng = np.random.default_rng(1)
     for corners in range(3, 7):

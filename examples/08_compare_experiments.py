@@ -7,7 +7,8 @@ import sys
 
 import seqgrasp
 
-before, after = [*sys.argv[1:], "HEAD", None][:2] if len(sys.argv) < 3 else sys.argv[1:3]
+before = sys.argv[1] if len(sys.argv) > 1 else "HEAD"
+after = sys.argv[2] if len(sys.argv) > 2 else None  # the files as they are
 difference = seqgrasp.compare_experiments(before, after)
 print(f"{before} and {after or 'the working folder'} differ in {len(difference)} parameters and metrics")
 if not difference.empty:
