@@ -78,7 +78,12 @@ class Solid:
 
     def sampled(self, count: int, seed: int) -> NDArray[np.float64]:
         """Return points (n, 3) on the surface, corners among them."""
-        return np.concatenate([trimesh.sample.sample_surface(self.hull, count, seed=seed)[0], self.hull.vertices])
+        return np.concatenate([self.on_faces(count, seed)[0], self.hull.vertices])
+
+    def on_faces(self, count: int, seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return points (n, 3) on the faces and the outward unit normals (n, 3) there."""
+        points, faces = trimesh.sample.sample_surface(self.hull, count, seed=seed)
+        return np.asarray(points), np.asarray(self.hull.face_normals[faces])
 
     def depths(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return signed distances (n,) of points (n, 3): exact inside, a lower bound outside."""
@@ -304,10 +309,15 @@ def exact_error(parts: Sequence[Part], solids: Sequence[Solid]) -> float:
     """Return the error of a link's fit, m, from many points and with exact distances."""
     largest = 0.0
     for one in solids:
-        points = one.sampled(600, 1)
+        points, normals = one.on_faces(600, 1)
+        points, normals = (
+            np.concatenate([points, one.hull.vertices]),
+            np.pad(normals, ((0, len(one.hull.vertices)), (0, 0))),
+        )
         for other in solids:
-            if other is not one:
-                points = points[other.depths(points) >= -NEAR]
+            if other is not one:  # where two solids touch they have no surface together
+                kept = other.depths(points + 2 * NEAR * normals) >= -NEAR
+                points, normals = points[kept], normals[kept]
         if len(points):
             largest = max(largest, float(np.abs(np.min([part.distances(points) for part in parts], axis=0)).max()))
     outside = [np.zeros((0, 3))]
