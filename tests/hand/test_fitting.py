@@ -102,7 +102,8 @@ def test_a_hand_of_too_many_shapes_is_made_coarser(tmp_path: Path) -> None:
     text = urdf_text().replace('<link name="plate">', f'<link name="plate">{rows}')
     hand = hand_of_file(write_toy(tmp_path / "toy", urdf=text))
     assert len(hand.box_link) + len(hand.sphere_link) <= MOST_SHAPES
-    assert hand.shape_fits["plate"].shapes == 81 and hand.shape_fits["plate"].error < 1e-4  # slices of one box
+    # Slices of one box, of which joining leaves out half a slice at most.
+    assert hand.shape_fits["plate"].shapes == 81 and hand.shape_fits["plate"].error < 0.0011
 
 
 def test_too_many_described_shapes_are_refused(tmp_path: Path) -> None:
