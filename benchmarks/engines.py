@@ -4,8 +4,8 @@
 
 Needs a finished run. The first accepted grasps of every pair are tested in six gravities by SAPIEN and by MuJoCo, every
 two touching bodies with the same friction, and MuJoCo once more without its sleep. Prints, and writes
-``reports/engines.csv``: a row per grasp with the first direction in which each lost an object (empty: none), its largest
-drift, m, and CPU seconds.
+``reports/engines.csv``: a row per grasp with the first direction in which each lost an object (empty: none), its
+largest drift, m, and CPU seconds.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from pipeline.pairing.readiness import ready  # noqa: E402
 from pipeline.physics import mujoco_world  # noqa: E402
 from pipeline.physics.holding import hold_in_gravities  # noqa: E402
 from pipeline.records.parameters import chosen_sequences, read_parameters  # noqa: E402
+from pipeline.records.parameters.conditions import Engine  # noqa: E402
 
 AWAKE = "mujoco, never asleep"
 
@@ -38,8 +39,9 @@ def tested(case: Case, friction: float) -> dict[str, Any]:
     held = settled_grasp(combine(task, [ready(task, number, single) for number, single in enumerate(case.singles)]))
     limits = task.validate.at_friction(friction)
     row: dict[str, Any] = {"objects": case.objects, "merged_id": case.merged_id}
-    for name in ("sapien", "mujoco", AWAKE):
-        physics = task.physics.in_engine("mujoco" if name == AWAKE else name)
+    engines: dict[str, Engine] = {"sapien": "sapien", "mujoco": "mujoco", AWAKE: "mujoco"}
+    for name, engine in engines.items():
+        physics = task.physics.in_engine(engine)
         patience = 1e9 if name == AWAKE else mujoco_world.REST_SECONDS
         with mock.patch.object(mujoco_world, "REST_SECONDS", patience):
             test = partial(hold_in_gravities, physics, limits, held.objects, held.q, held.squeeze_q, held.hand)

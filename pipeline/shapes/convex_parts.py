@@ -133,7 +133,8 @@ def convex_parts(
     """
     hull = convex_hull(vertices)
     volume = solid_properties(vertices, faces)[0]
-    pieces, remark = [], ""
+    pieces: list[Mesh] = []
+    remark = ""
     if solid_properties(*hull)[0] > (1 + parameters.hull_excess) * volume:
         pieces, remark = _pieces(vertices, faces, parameters)
     parts, lost = [], 0.0
