@@ -21,22 +21,23 @@ def render(template: str, **values: Any) -> Markup:
     Args:
         values: by the names that the template uses; strings are escaped, :class:`Markup` is taken as it is.
     """
-    return Markup(_environment().get_template(template).render(values))
+    return Markup(environment(TEMPLATES).get_template(template).render(values))
 
 
 @cache
-def _environment() -> Environment:
-    environment = Environment(
-        loader=FileSystemLoader(TEMPLATES),
+def environment(templates: Path) -> Environment:
+    """Return what fills the templates of a folder."""
+    made = Environment(
+        loader=FileSystemLoader(templates),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"percent": percent, "spoken": spoken, "anchor": anchor, "data_uri": data_uri}
-    environment.globals["verbatim"] = verbatim
-    return environment
+    made.filters |= {"percent": percent, "spoken": spoken, "anchor": anchor, "data_uri": data_uri}
+    made.globals["verbatim"] = verbatim
+    return made
 
 
 def verbatim(name: str) -> Markup:

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from PIL import Image
 
 from pipeline.hand.model import Hand
@@ -21,7 +20,7 @@ from pipeline.pictures.render import Body, render
 from pipeline.pictures.robot import hand_bodies
 from pipeline.records.poses import inverse_pose
 from pipeline.report.meanings import MERGE, VALIDATION, meaning_of
-from pipeline.report.rendering import data_uri, verbatim
+from pipeline.report.rendering import environment, verbatim
 from pipeline.report.wording import percent
 from pipeline.score.foreign import ForeignFile
 from pipeline.score.frames import FrameCheck
@@ -63,14 +62,6 @@ def picture(grasp: ReadyGrasp, hand: Hand) -> bytes:
 
 def build_page(told: Told, table: pd.DataFrame, pictures: Sequence[bytes]) -> str:
     """Return the page; ``pictures`` are of the first grasps."""
-    environment = Environment(
-        loader=FileSystemLoader(TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["data_uri"] = data_uri
     plain = table.astype(object).where(table.notna(), None)
     rows: list[dict[str, Any]] = [dict(zip(table.columns, values, strict=True)) for values in plain.to_numpy()]
     engines = [name.removesuffix("_rejected_by") for name in table.columns if name.endswith("_rejected_by")]
@@ -78,14 +69,18 @@ def build_page(told: Told, table: pd.DataFrame, pictures: Sequence[bytes]) -> st
         {"row": row, "picture": pictures[index] if index < len(pictures) else None, "engines": _told(row, engines)}
         for index, row in enumerate(rows)
     ]
-    return environment.get_template("scores.html").render(
-        style=verbatim("page.css"),
-        told=told,
-        tiles=_tiles(table, engines),
-        reasons=[(engine, _reasons(table, engine)) for engine in engines],
-        columns=list(table.columns),
-        cards=cards,
-        rows=[[_cell(value) for value in row.values()] for row in rows],
+    return (
+        environment(TEMPLATES)
+        .get_template("scores.html")
+        .render(
+            style=verbatim("page.css"),
+            told=told,
+            tiles=_tiles(table, engines),
+            reasons=[(engine, _reasons(table, engine)) for engine in engines],
+            columns=list(table.columns),
+            cards=cards,
+            rows=[[_cell(value) for value in row.values()] for row in rows],
+        )
     )
 
 
