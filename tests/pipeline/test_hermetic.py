@@ -33,7 +33,7 @@ def perturbed(content: dict, declared: tuple[str, ...], workers: int) -> dict:
     def try_value(parent: dict, key: str, value) -> None:
         old, parent[key] = parent[key], value
         try:
-            Parameters.model_validate(changed_content)
+            Parameters.model_validate(changed_content).check_conditions()
         except ValueError:
             parent[key] = old
 

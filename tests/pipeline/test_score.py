@@ -20,7 +20,7 @@ NOT_TESTED = {*(reason.value for reason in SynthesisReason), ValidationReason.NO
 STYLES = {"pinch": "cube", "side": "slender_cylinder"}
 
 
-def tested(root: Path, style: str) -> pd.DataFrame:
+def judged(root: Path, style: str) -> pd.DataFrame:
     """Rows of a validated table that physics has judged."""
     table = pd.read_parquet(root / f"data/validate/{style}/{STYLES[style]}.parquet")
     return table[~table["rejected_by"].isin(NOT_TESTED)].reset_index(drop=True)
@@ -53,7 +53,7 @@ def scores(root: Path, target: Path, *objects: str) -> pd.DataFrame:
 
 @pytest.mark.parametrize("style", STYLES)
 def test_single_grasps_get_the_verdict_of_our_table(finished, tmp_path, style):
-    table, hand = tested(finished.root, style), load_hand("allegro")
+    table, hand = judged(finished.root, style), load_hand("allegro")
     assert len(table)
     foreign_files.dexgraspnet(tmp_path / "g.npy", own(table), hand, contacts=True)
     foreign_files.own_json(tmp_path / "g.json", own(table), hand)

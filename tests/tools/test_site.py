@@ -79,7 +79,7 @@ def test_the_front_page_is_the_readme_with_links_that_hold(site):
 def test_the_reference_has_signatures_and_docstrings(site):
     text = re.sub(r"<[^>]+>", "", (site / "reference" / "pipeline.hand.html").read_text())
     assert "points_on_links" in text and "in their link frames" in text  # of a function
-    assert "T_parent_link at joint angle 0" in text  # a comment on a field
+    assert "T_parent_link where the link has not moved" in text  # a comment on a field
     assert "_axis_rotations" not in text
     assert "mani_skill is not installed" in text  # Raises:
 
