@@ -53,15 +53,15 @@ def replay(name: TrialName) -> tuple[Recording, int]:
     recorder = Recorder()
     inputs, row, differing = run_again(name, load_hand(ALLEGRO), recorder)
     outcome = "success" if row["success"] else f"failed: {row['reason']}"
-    told = "the same outcome, to the last bit, as in" if not differing else "ANOTHER outcome than in"
-    print(f"{name}: {told} {name.table} ({outcome}, {row['steps']} steps of physics)")
+    verdict = "the same outcome, to the last bit, as in" if not differing else "ANOTHER outcome than in"
+    print(f"{name}: {verdict} {name.table} ({outcome}, {row['steps']} steps of physics)")
     if differing:
         print(
             f"columns that differ: {', '.join(differing)}; `dvc status {name.stage}` says what has changed since the "
             "table was made"
         )
     objects = tuple(item.name for item in inputs.objects)
-    shown = outcome if not differing else f"{outcome} (the table tells another outcome)"
+    shown = outcome if not differing else f"{outcome} (the table holds another outcome)"
     recording = recorder.recording(About(str(name), objects, shown, inputs.settings.sponge_height))
     target = recording_file(name)
     write_recording(target, recording)

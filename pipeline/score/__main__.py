@@ -73,7 +73,7 @@ def score_file(chosen: argparse.Namespace) -> Path:
         raise UserError(f"{output} is a file; name a folder with --output.")
     check_writable(output)
     from pipeline.hand.model import load_hand
-    from pipeline.score.page import MOST_PICTURES, Told, build_page, picture
+    from pipeline.score.page import MOST_PICTURES, Reading, build_page, picture
     from pipeline.score.placing import ready_grasps
     from pipeline.score.rows import HOLDS, table
     from pipeline.score.scoring import score
@@ -86,8 +86,8 @@ def score_file(chosen: argparse.Namespace) -> Path:
     print(f"{read.file.form}: {len(ready)} grasps of {names}; {100 * frames.share:.0f} % touch as the file was read")
     verdicts = score(ready, hand, parameters, engines, not chosen.no_table)
     found = table(ready, verdicts, read.excess)
-    told = Told(read.file, hand, read.joints, frames, _settings(parameters, engines, chosen))
-    page = build_page(told, found, [picture(grasp, hand) for grasp in ready[:MOST_PICTURES]])
+    reading = Reading(read.file, hand, read.joints, frames, _settings(parameters, engines, chosen))
+    page = build_page(reading, found, [picture(grasp, hand) for grasp in ready[:MOST_PICTURES]])
     with whole_file(output / "scores.csv") as temporary:
         found.to_csv(temporary, index=False)
     with whole_file(output / "scores.html") as temporary:

@@ -49,17 +49,17 @@ def map_joints(names: Sequence[str] | None, count: int, hand: Hand, chosen: Sequ
                 "once."
             )
         targets: list[str | None] = list(chosen)
-        told = list(names or [f"value {index}" for index in range(count)])
+        labels = list(names or [f"value {index}" for index in range(count)])
     elif names is None:
         if count != hand.joint_count:
             raise UserError(
                 f"{NO_NAMES}, and has {count} values where the hand {hand.name} has {hand.joint_count} joints; choose "
                 "another --hand."
             )
-        targets, told = list(hand.joint_names), [f"value {index}" for index in range(count)]
+        targets, labels = list(hand.joint_names), [f"value {index}" for index in range(count)]
     else:
-        targets, told = [joint_of(name, hand) for name in names], list(names)
-    unknown = [name for name, target in zip(told, targets, strict=True) if target is None]
+        targets, labels = [joint_of(name, hand) for name in names], list(names)
+    unknown = [name for name, target in zip(labels, targets, strict=True) if target is None]
     missing = [name for name in hand.joint_names if name not in targets]
     if unknown or missing or len(set(targets)) < len(targets):
         which = (
@@ -71,7 +71,7 @@ def map_joints(names: Sequence[str] | None, count: int, hand: Hand, chosen: Sequ
         )
     columns = np.array([targets.index(name) for name in hand.joint_names], dtype=np.int64)
     return JointMap(
-        tuple((told[column], name) for column, name in zip(columns, hand.joint_names, strict=True)), columns
+        tuple((labels[column], name) for column, name in zip(columns, hand.joint_names, strict=True)), columns
     )
 
 

@@ -1,4 +1,4 @@
-"""Trials as a LeRobot v3 data set: what the robot measured and was told, where objects were, phases, task and film.
+"""Trials as a LeRobot v3 data set: what the robot measured and its targets, where objects were, phases, task and film.
 
 Layout, as LeRobot 0.4 reads it::
 
@@ -42,7 +42,7 @@ POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 @dataclass
 class TargetRecorder(Recorder):
-    """Writes down every moment of a run, and what the robot was told then."""
+    """Writes down every moment of a run, and the targets of the robot then."""
 
     targets: list[NDArray[np.float64]] = field(default_factory=list)
 
@@ -59,7 +59,7 @@ class Episode:
     name: TrialName
     row: dict[str, Any]  # of the table of trials
     recording: Recording
-    targets: NDArray[np.float64]  # (n, R) rad, what the robot was told at each of the n moments of the recording
+    targets: NDArray[np.float64]  # (n, R) rad, targets of the robot at each of the n moments of the recording
 
     @property
     def task(self) -> str:

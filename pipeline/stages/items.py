@@ -195,7 +195,7 @@ def _present(run: EarlierRun, name: str) -> Path:
 def make_by_hand(stage: Stage, keys: Sequence[str], begin: Begin, workers: Workers) -> None:
     """Compute some items, whatever was made before, and put them beside what the output holds already.
 
-    The index of items goes, as it no longer tells what the output holds: DVC makes both again before the next stage
+    The index of items goes, as it no longer says what the output holds: DVC makes both again before the next stage
     that depends on them.
     """
     if not keys:

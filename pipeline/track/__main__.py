@@ -1,4 +1,4 @@
-"""Command of the record: tells MLflow about the result that the report has just summed up, once per result."""
+"""Command of the record: gives MLflow the result that the report has just summed up, once per result."""
 
 from __future__ import annotations
 
