@@ -51,9 +51,12 @@ class Raster:
         self.nearest, self.owner = self._filled(samples, 0.0, np.float32), self._filled(samples, NOTHING, np.int32)
         edge = raster_kernel.SHADOW_SIZE
         self.highest = self._filled(edge**2, FAR_BELOW, np.float32)
+        self.cells, self.light.around = (self._filled(raster_kernel.CELLS**2, 0.0, np.float32) for _ in range(2))
         self.caster = self._filled(edge**2, NOTHING, np.int32)
         self.bare, self.pixels = (self._filled((width * height, 3), 0, np.uint8) for _ in range(2))
-        self._launch(raster_kernel.shade_floor, width * height, [self.scene, self.view, self.light, self.bare])
+        self.spots = self._filled((width * height, 3), 0.0, np.float32)
+        told = [self.scene, self.view, self.light, self.bare, self.spots.view(warp().vec3)]
+        self._launch(raster_kernel.shade_floor, width * height, told)
 
     def picture(self, poses: Sequence[NDArray[np.float64]]) -> NDArray[np.uint8]:
         """Return a picture (height, width, 3), sRGB.
@@ -75,9 +78,12 @@ class Raster:
         edge = kernel.SHADOW_SIZE
         self._launch(kernel.place, len(scene.vertices), [scene, view, light, seen, lit])
         self._launch(kernel.cover, 1, [lit, faces, edge, edge, FAR_BELOW, self.highest, self.caster])
+        self._launch(kernel.highest_of_cells, len(self.cells), [self.highest, self.cells])
+        self._launch(kernel.highest_around, len(self.cells), [self.cells, light.around])
         self._launch(kernel.cover, 1, [seen, faces, view.width, view.height, 0.0, self.nearest, self.owner])
-        drawn = [scene, view, light, self.highest, seen, self.owner, self.bare, self.pixels]
-        self._launch(kernel.shade, self.width * self.height, drawn)
+        spots = self.spots.view(wp.vec3)
+        told = [scene, view, light, self.highest, seen, self.owner, self.bare, spots, self.pixels]
+        self._launch(kernel.shade, self.width * self.height, told)
         return self.pixels.numpy().reshape(self.height, self.width, 3).copy()
 
     def _launch(self, function: Any, count: int, inputs: list[Any]) -> None:

@@ -15,6 +15,8 @@ from pipeline.pictures.render import AMBIENT, FLOOR, GLOSS, KEY, SKY
 
 SUBSAMPLES = 2
 SHADOW_SIZE = 768  # samples along an edge of what the light sees
+CELL = 16  # samples along an edge of a cell of what the light sees; more than SEARCH
+CELLS = SHADOW_SIZE // CELL
 TAPS = 8  # places of the shadow looked at, twice
 SEARCH = 0.012  # m, within which a sample looks for what casts a shadow on it
 BIAS = 0.004  # m, by which what casts a shadow lies above what it falls on
@@ -64,6 +66,7 @@ class Light:
     centre: wp.vec3
     scale: float  # samples per metre
     spread: float  # radius of the light, as a slope
+    around: wp.array(dtype=float)  # what ``highest_around`` wrote
     taps: wp.array(dtype=wp.vec2)  # (TAPS,) places spread over a disc of radius 1
 
 
@@ -136,6 +139,30 @@ def cover(
                             owner[sample] = k
 
 
+@wp.kernel
+def highest_of_cells(highest: wp.array(dtype=float), cells: wp.array(dtype=float)):
+    """Write how high the highest face of every cell is under the light."""
+    cell = wp.tid()
+    row = cell // CELLS * CELL
+    column = cell % CELLS * CELL
+    found = float(-1.0e3)
+    for i in range(row, row + CELL):
+        for j in range(column, column + CELL):
+            found = wp.max(found, highest[i * SHADOW_SIZE + j])
+    cells[cell] = found
+
+
+@wp.kernel
+def highest_around(cells: wp.array(dtype=float), around: wp.array(dtype=float)):
+    """Write how high the highest face of every cell and its neighbours is."""
+    cell = wp.tid()
+    found = float(-1.0e3)
+    for i in range(wp.max(cell // CELLS - 1, 0), wp.min(cell // CELLS + 2, CELLS)):
+        for j in range(wp.max(cell % CELLS - 1, 0), wp.min(cell % CELLS + 2, CELLS)):
+            found = wp.max(found, cells[i * CELLS + j])
+    around[cell] = found
+
+
 @wp.func
 def height_at(highest: wp.array(dtype=float), x: float, y: float):
     """Return how high the highest face is under the light; far below where there is none."""
@@ -148,6 +175,24 @@ def height_at(highest: wp.array(dtype=float), x: float, y: float):
 
 
 @wp.func
+def highest_near(light: Light, x: float, y: float):
+    """Return a height that no face near a place under the light exceeds."""
+    row = wp.clamp(int(y) // CELL, 0, CELLS - 1)
+    column = wp.clamp(int(x) // CELL, 0, CELLS - 1)
+    return light.around[row * CELLS + column]
+
+
+@wp.func
+def under_light(light: Light, point: wp.vec3):
+    """Return where a point is under the light: x, y (samples), and above which height a face casts a shadow on it."""
+    off = point - light.centre
+    half = 0.5 * float(SHADOW_SIZE)
+    x = wp.dot(off, light.right) * light.scale + half
+    y = wp.dot(off, light.up) * light.scale + half
+    return wp.vec3(x, y, wp.dot(off, light.towards) + BIAS)
+
+
+@wp.func
 def turned(place: wp.vec2, turn: wp.vec2):
     """Return a place in the plane, turned by the angle of a direction."""
     return wp.vec2(place[0] * turn[0] - place[1] * turn[1], place[0] * turn[1] + place[1] * turn[0])
@@ -156,13 +201,14 @@ def turned(place: wp.vec2, turn: wp.vec2):
 @wp.func
 def light_arriving(light: Light, highest: wp.array(dtype=float), point: wp.vec3, turn: wp.vec2):
     """Return the share of the light that arrives at a point; ``turn``, a direction, differs between neighbours."""
-    off = point - light.centre
-    half = 0.5 * float(SHADOW_SIZE)
-    x = wp.dot(off, light.right) * light.scale + half
-    y = wp.dot(off, light.up) * light.scale + half
-    own = wp.dot(off, light.towards) + BIAS
+    spot = under_light(light, point)
+    x = spot[0]
+    y = spot[1]
+    own = spot[2]
     rise = float(0.0)
     count = float(0.0)
+    if highest_near(light, x, y) < own:
+        return 1.0
     for tap in range(TAPS):
         reach = turned(light.taps[tap], turn) * (SEARCH * light.scale)
         above = height_at(highest, x + reach[0], y + reach[1]) - own
@@ -263,15 +309,26 @@ def srgb(linear: float):
 
 
 @wp.kernel
-def shade_floor(scene: Scene, view: View, light: Light, picture: wp.array2d(dtype=wp.uint8)):
-    """Write sRGB of every pixel as it is where there is no body and no shadow."""
+def shade_floor(
+    scene: Scene,
+    view: View,
+    light: Light,
+    picture: wp.array2d(dtype=wp.uint8),
+    spots: wp.array(dtype=wp.vec3),
+):
+    """Write sRGB of every pixel as it is without body and shadow, and where its floor is under the light."""
     pixel = wp.tid()
     across = view.width // SUBSAMPLES
     x = (float(pixel % across) + 0.5) * float(SUBSAMPLES)
     y = (float(pixel // across) + 0.5) * float(SUBSAMPLES)
-    colour = wp.min(floor_colour(scene, view, light, ray_through(view, x, y), 1.0), wp.vec3(1.0, 1.0, 1.0))
+    ray = ray_through(view, x, y)
+    colour = wp.min(floor_colour(scene, view, light, ray, 1.0), wp.vec3(1.0, 1.0, 1.0))
     for channel in range(3):
         picture[pixel, channel] = srgb(colour[channel])
+    spot = wp.vec3(0.0, 0.0, 1.0e3)
+    if ray[2] < 0.0 and view.position[2] > scene.floor:
+        spot = under_light(light, view.position + ray * ((scene.floor - view.position[2]) / ray[2]))
+    spots[pixel] = spot
 
 
 @wp.func
@@ -305,9 +362,10 @@ def shade(
     seen: wp.array(dtype=wp.vec3),
     owner: wp.array(dtype=int),
     bare: wp.array2d(dtype=wp.uint8),
+    spots: wp.array(dtype=wp.vec3),
     picture: wp.array2d(dtype=wp.uint8),
 ):
-    """Write sRGB of every pixel; ``bare``: what ``shade_floor`` wrote."""
+    """Write sRGB of every pixel; ``bare`` and ``spots``: what ``shade_floor`` wrote."""
     pixel = wp.tid()
     across = view.width // SUBSAMPLES
     column = pixel % across * SUBSAMPLES
@@ -317,32 +375,25 @@ def shade(
     for part in range(SUBSAMPLES * SUBSAMPLES):
         if owner[(row + part // SUBSAMPLES) * view.width + column + part % SUBSAMPLES] != first:
             alike = 0
+    spot = spots[pixel]
+    if alike == 1 and first < 0 and highest_near(light, spot[0], spot[1]) < spot[2]:
+        for channel in range(3):
+            picture[pixel, channel] = bare[pixel, channel]
+        return
     # 7 is coprime to the 16 pixels of a tile: neighbours look at places far apart.
     number = (pixel % across % 4 + 4 * (pixel // across % 4)) * 7 % 16
     turn = wp.vec2(wp.cos(float(number) * GOLDEN_ANGLE), wp.sin(float(number) * GOLDEN_ANGLE))
     middle = 0.5 * float(SUBSAMPLES)
-    x = float(column) + middle
-    y = float(row) + middle
-    if alike == 1 and first < 0:
-        ray = ray_through(view, x, y)
-        arriving = light_on_floor(scene, view, light, highest, ray, turn)
-        if arriving == 1.0:
-            for channel in range(3):
-                picture[pixel, channel] = bare[pixel, channel]
-        else:
-            colour = floor_colour(scene, view, light, ray, arriving)
-            for channel in range(3):
-                picture[pixel, channel] = srgb(wp.min(colour[channel], 1.0))
+    mean = wp.vec3(0.0, 0.0, 0.0)
+    if alike == 1:
+        x = float(column) + middle
+        mean = colour_at(scene, view, light, highest, seen, first, x, float(row) + middle, turn)
     else:
-        mean = wp.vec3(0.0, 0.0, 0.0)
-        if alike == 1:
-            mean = colour_at(scene, view, light, highest, seen, first, x, y, turn)
-        else:
-            for part in range(SUBSAMPLES * SUBSAMPLES):
-                i = column + part % SUBSAMPLES
-                j = row + part // SUBSAMPLES
-                face = owner[j * view.width + i]
-                mean += colour_at(scene, view, light, highest, seen, face, float(i) + 0.5, float(j) + 0.5, turn)
-            mean = mean / float(SUBSAMPLES * SUBSAMPLES)
-        for channel in range(3):
-            picture[pixel, channel] = srgb(mean[channel])
+        for part in range(SUBSAMPLES * SUBSAMPLES):
+            i = column + part % SUBSAMPLES
+            j = row + part // SUBSAMPLES
+            face = owner[j * view.width + i]
+            mean += colour_at(scene, view, light, highest, seen, face, float(i) + 0.5, float(j) + 0.5, turn)
+        mean = mean / float(SUBSAMPLES * SUBSAMPLES)
+    for channel in range(3):
+        picture[pixel, channel] = srgb(mean[channel])
