@@ -12,6 +12,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,7 +24,7 @@ from pipeline.stages.running import command
 if TYPE_CHECKING:
     from pipeline.hand.model import Hand
     from pipeline.score.foreign import ForeignFile
-    from pipeline.score.frames import FrameCheck
+    from pipeline.score.frames import FrameCheck, Placed
     from pipeline.score.joints import JointMap
     from pipeline.score.placing import PlacedFile
     from pipeline.score.scoring import Engine
@@ -119,18 +120,17 @@ def _read(chosen: argparse.Namespace, hand: Hand, parameters: Parameters) -> tup
         return place(replace(own, grasps=own.grasps[: chosen.most]), objects, hand, joints, chosen.inverse)
 
     read, order = placed(file, joints), ORDERS[chosen.quaternion]
-    others = [
-        (
-            f"quaternions are in the order {order}: add --quaternion {order}",
-            placed(read_grasps(source, order), joints).placed,
-        )
-    ]
+
+    def reordered() -> Sequence[Sequence[Placed]]:
+        return placed(read_grasps(source, order), joints).placed
+
+    def renamed(names: Sequence[str]) -> Sequence[Sequence[Placed]]:
+        return placed(file, map_joints(None, count, hand, names)).placed
+
+    others = [(f"quaternions are in the order {order}: add --quaternion {order}", reordered)]
     if file.joint_names is None and not chosen.joints:
         others += [
-            (
-                f"the file names no joints and has {called}: add --joints {','.join(names)}",
-                placed(file, map_joints(None, count, hand, names)).placed,
-            )
+            (f"the file names no joints and has {called}: add --joints {','.join(names)}", partial(renamed, names))
             for called, names in other_orders(hand).items()
         ]
     frames = check_frames(hand, read.placed, others, read.T_prepared_mesh)

@@ -158,14 +158,14 @@ class FrameCheck:
 def check_frames(
     hand: Hand,
     grasps: Sequence[Sequence[Placed]],
-    others: Sequence[tuple[str, Sequence[Sequence[Placed]]]],
+    others: Sequence[tuple[str, Callable[[], Sequence[Sequence[Placed]]]]],
     T_prepared_mesh: NDArray[np.float64],
 ) -> FrameCheck:
     """Return the share of grasps that touch all of their objects, and a hint where it is small.
 
     Args:
         grasps: per grasp, each of its objects.
-        others: the same grasps as read with other options, each after what the user would have to do.
+        others: what the user would have to do, and what gives the same grasps as read then.
         T_prepared_mesh: (4, 4) frame of the mesh, in which other readings turn or invert poses, in that of the object.
     """
     fields: dict[int, DistanceField] = {}
@@ -181,7 +181,7 @@ def check_frames(
     if found >= ENOUGH:
         return FrameCheck(found)
     hints = [*(hint for hint, _ in others), *(reading.hint for reading in READINGS)]
-    shares = [*(share(AS_READ, placed) for _, placed in others), *map(share, READINGS)]
+    shares = [*(share(AS_READ, placed()) for _, placed in others), *map(share, READINGS)]
     best = int(np.argmax(shares))
     if shares[best] < found + BETTER:
         return FrameCheck(found)
