@@ -12,6 +12,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,7 +23,9 @@ from pipeline.stages.running import command
 
 if TYPE_CHECKING:
     from pipeline.hand.model import Hand
-    from pipeline.score.frames import FrameCheck
+    from pipeline.score.foreign import ForeignFile
+    from pipeline.score.frames import FrameCheck, Placed
+    from pipeline.score.joints import JointMap
     from pipeline.score.placing import PlacedFile
     from pipeline.score.scoring import Engine
 
@@ -101,24 +104,36 @@ def score_file(chosen: argparse.Namespace) -> Path:
 def _read(chosen: argparse.Namespace, hand: Hand, parameters: Parameters) -> tuple[PlacedFile, FrameCheck]:
     """Return the grasps in our frames, after the contact test."""
     from pipeline.score.frames import check_frames
-    from pipeline.score.joints import map_joints
+    from pipeline.score.joints import map_joints, other_orders
     from pipeline.score.own_objects import MeshChoice, object_source
     from pipeline.score.placing import place
     from pipeline.score.readers import read_grasps
 
     source = chosen.folder / chosen.file
     file = read_grasps(source, chosen.quaternion)
-    joints = map_joints(
-        file.joint_names, len(file.grasps[0].joints), hand, chosen.joints.split(",") if chosen.joints else ()
-    )
+    count = len(file.grasps[0].joints)
+    joints = map_joints(file.joint_names, count, hand, chosen.joints.split(",") if chosen.joints else ())
     mesh = MeshChoice(chosen.unit, chosen.up or ("+y" if file.y_up else "+z"), chosen.density, not chosen.no_table)
     objects = [object_source(text, chosen.folder, mesh, parameters.prepare) for text in chosen.object]
-    order = ORDERS[chosen.quaternion]
-    read, other = (
-        place(replace(own, grasps=own.grasps[: chosen.most]), objects, hand, joints, chosen.inverse)
-        for own in (file, read_grasps(source, order))
-    )
-    frames = check_frames(hand, read.placed, (order, other.placed), read.T_prepared_mesh)
+
+    def placed(own: ForeignFile, joints: JointMap) -> PlacedFile:
+        return place(replace(own, grasps=own.grasps[: chosen.most]), objects, hand, joints, chosen.inverse)
+
+    read, order = placed(file, joints), ORDERS[chosen.quaternion]
+
+    def reordered() -> Sequence[Sequence[Placed]]:
+        return placed(read_grasps(source, order), joints).placed
+
+    def renamed(names: Sequence[str]) -> Sequence[Sequence[Placed]]:
+        return placed(file, map_joints(None, count, hand, names)).placed
+
+    others = [(f"quaternions are in the order {order}: add --quaternion {order}", reordered)]
+    if file.joint_names is None and not chosen.joints:
+        others += [
+            (f"the file names no joints and has {called}: add --joints {','.join(names)}", partial(renamed, names))
+            for called, names in other_orders(hand).items()
+        ]
+    frames = check_frames(hand, read.placed, others, read.T_prepared_mesh)
     if frames.hint:
         raise UserError(
             f"{source}: {100 * frames.share:.0f} % of the grasps touch the object as they were read, and "

@@ -123,15 +123,12 @@ def phases_of(episodes: Sequence[Episode]) -> list[str]:
     return list(dict.fromkeys(phase for episode in episodes for phase in episode.recording.phase))
 
 
-def write_episodes(
-    folder: Path, episodes: Sequence[Episode], hand: Hand, film: Film, videos: bool, workers: int
-) -> None:
+def write_episodes(folder: Path, episodes: Sequence[Episode], hand: Hand, film: Film, videos: bool) -> None:
     """Write a data set; the same trials give the same bytes, but for the video.
 
     Args:
         film: its rate is that of the rows, too.
         videos: with a film of every episode.
-        workers: processes that draw.
     """
     if len({len(episode.name.objects) for episode in episodes}) > 1:
         raise UserError("the trials are of two objects and of more; choose sources with as many objects.")
@@ -154,7 +151,7 @@ def write_episodes(
     if videos:
         target = folder / f"videos/{CAMERA}/{FIRST}.mp4"
         target.parent.mkdir(parents=True)
-        write_film(target, [episode.recording for episode in episodes], hand, film, workers)
+        write_film(target, [episode.recording for episode in episodes], hand, film)
 
 
 def _table(columns: dict[str, NDArray[Any]]) -> pa.Table:

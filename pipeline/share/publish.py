@@ -171,7 +171,7 @@ def _write_trials(folder: Path, chosen: argparse.Namespace) -> int:
     names = _spread(standard, chosen.trials)
     episodes = fan_out(partial(record, hand=hand), names, workers, "record")
     folder.mkdir()
-    write_episodes(folder, episodes, hand, Film(320, 240, chosen.fps), not chosen.no_video, workers)
+    write_episodes(folder, episodes, hand, Film(320, 240, chosen.fps), not chosen.no_video)
     return len(episodes)
 
 
