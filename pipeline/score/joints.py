@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from pipeline.hand.model import Hand
 from pipeline.records.errors import UserError
+from pipeline.records.parameters.hand import PALM
 
-THUMB = "thumb"
 NO_NAMES = "the file names no joints"
 EXCESS = 0.02  # rad beyond a joint's limit that is rounding
 
@@ -79,15 +79,15 @@ def map_joints(names: Sequence[str] | None, count: int, hand: Hand, chosen: Sequ
 def other_orders(hand: Hand) -> dict[str, tuple[str, ...]]:
     """Return orders of joints in which others store values without names, by what they are called.
 
-    Fingers one after the other with the thumb first, or second as Isaac Gym has it; or the first joints of all fingers,
+    Fingers one after the other with the one that opposes the others first, or second as Isaac Gym has it; or the first joints of all fingers,
     then the second ones, as SAPIEN counts them.
     """
     names = {finger: [hand.joint_names[joint] for joint in joints] for finger, joints in hand.finger_joints.items()}
-    fingers = [finger for finger in names if finger != THUMB]
     orders: dict[str, tuple[str, ...]] = {}
-    if THUMB in names and fingers:
-        for called, own in (("first", [THUMB, *fingers]), ("second", [fingers[0], THUMB, *fingers[1:]])):
-            orders[f"the thumb {called}"] = tuple(joint for finger in own for joint in names[finger])
+    for thumb in [finger for finger in hand.opposing if finger != PALM]:
+        fingers = [finger for finger in names if finger != thumb]
+        for called, own in (("first", [thumb, *fingers]), ("second", [fingers[0], thumb, *fingers[1:]])):
+            orders[f"the {thumb} {called}"] = tuple(joint for finger in own for joint in names[finger])
     layers = range(max(map(len, names.values()), default=0))
     orders["the first joints of all fingers first"] = tuple(
         own[layer] for layer in layers for own in names.values() if layer < len(own)
