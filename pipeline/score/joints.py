@@ -79,8 +79,8 @@ def map_joints(names: Sequence[str] | None, count: int, hand: Hand, chosen: Sequ
 def other_orders(hand: Hand) -> dict[str, tuple[str, ...]]:
     """Return orders of joints in which others store values without names, by what they are called.
 
-    Fingers one after the other with the one that opposes the others first, or second as Isaac Gym has it; or the first joints of all fingers,
-    then the second ones, as SAPIEN counts them.
+    Fingers one after the other with the opposing one first, or second as Isaac Gym has it; or the first joints of all
+    fingers, then the second ones, as SAPIEN counts them.
     """
     names = {finger: [hand.joint_names[joint] for joint in joints] for finger, joints in hand.finger_joints.items()}
     orders: dict[str, tuple[str, ...]] = {}
