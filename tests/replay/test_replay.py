@@ -168,7 +168,7 @@ def test_one_changed_bit_is_another_outcome(project: Path, capsys) -> None:
     assert command.main([NAME, "--no-view"]) == 1
     told = capsys.readouterr().out
     assert "ANOTHER outcome than" in told and "columns that differ: reason, heights; `dvc status evaluate@" in told
-    assert read_recording(RECORDING).about.outcome == "success (the table tells another outcome)"
+    assert read_recording(RECORDING).about.outcome == "success (the table holds another outcome)"
 
 
 def test_every_bit_counts() -> None:
