@@ -19,7 +19,31 @@ os.environ.update(DVC_NO_ANALYTICS="1", MLFLOW_DISABLE_TELEMETRY="true", DO_NOT_
 os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Let `--slow` run everything."""
+    parser.addoption("--slow", action="store_true", help="run the tests that are marked slow, too")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Leave slow tests out of a run of everything only: whoever names files or markers gets what was named."""
+    config.option.slow |= config.args_source is config.ArgsSource.ARGS or bool(config.option.markexpr)
+
+
+def pytest_report_header(config: pytest.Config) -> str | None:
+    """Say what is left out."""
+    return None if config.option.slow else "without slow tests; --slow runs them, too"
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out slow tests unless they are wanted, and order the others."""
+    if not config.option.slow:
+        left_out = [item for item in items if item.get_closest_marker("slow")]
+        items[:] = [item for item in items if not item.get_closest_marker("slow")]
+        config.hook.pytest_deselected(items=left_out)
+    _dearest_first(items)
+
+
+def _dearest_first(items: list[pytest.Item]) -> None:
     """Put files with slow tests first: one that began last would leave the other processes of `./dev test` idle.
 
     The first of those that need the run of the whole pipeline makes it; the others would wait, and come after all other

@@ -37,24 +37,26 @@ def test_own_grasps_are_scored():
     assert found.endswith("holds") and len(spoilt) == 2
 
 
+@pytest.mark.slow
 def test_one_mesh_is_synthesized_for(tmp_path):
     trimesh.creation.cylinder(20, 50).export(tmp_path / "tin.stl")
     first, _, *rows = printed("03_synthesize_for_one_mesh.py", str(tmp_path / "tin.stl"))
     assert first.startswith("tin: ") and len(rows) == 12 and any(row.endswith("valid") for row in rows)
 
 
+@pytest.mark.slow
 def test_a_check_of_ones_own_rejects_what_it_should():
     lines = printed("06_add_validation_check.py")
     rows = [line.split() for line in lines[lines.index(next(line for line in lines if "grasp_id" in line)) + 1 :]]
     assert rows and all((float(row[2]) < 0.02) == (row[3:] == ["joint_margin"]) for row in rows)
 
 
+@pytest.mark.slow
 def test_another_source_of_objects_is_grasped():
     lines = printed("07_another_source_of_objects.py")
     assert [line.split(":")[0] for line in lines] == [f"prism_{corners}" for corners in range(3, 7)]
 
 
-@pytest.mark.slow
 def test_the_data_set_is_loaded(finished):
     lines = printed("01_load_dataset.py", folder=finished.root)
     assert lines[0].split()[0] == str(finished.parameters()["merge"]["grasps_per_pair"])
@@ -71,7 +73,6 @@ def test_the_model_is_sampled(workspace):
     assert (workspace / "grasps/grasps.html").is_file()
 
 
-@pytest.mark.slow
 def test_a_trial_is_replayed(finished):
     lines = printed("05_replay_trial.py", "synthesized/cube/slender_cylinder/0", folder=finished.root)
     assert lines[-1] == "the same as recorded, to the last bit"

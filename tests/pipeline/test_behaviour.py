@@ -18,8 +18,6 @@ import trimesh
 from tests.pipeline.conftest import Repro, WorkingCopy
 from tests.pipeline.declared import IN_GIT, declared_stages
 
-pytestmark = pytest.mark.slow
-
 UP_TO_DATE = "Data and pipelines are up to date."
 
 
@@ -125,6 +123,7 @@ def test_no_change_runs_nothing_and_words_run_only_the_look_at_the_code(workspac
     assert workspace.recorded_runs() == runs
 
 
+@pytest.mark.slow
 def test_a_function_runs_its_own_stages_and_those_that_read_other_rows(workspace):
     tables = workspace.fingerprints("data/synthesize", "data/merge")
     edited(workspace / "pipeline/validate/table.py", "ValidationReason.NOT_TESTED.value", '"left"')
@@ -135,6 +134,7 @@ def test_a_function_runs_its_own_stages_and_those_that_read_other_rows(workspace
     assert workspace.fingerprints("data/synthesize", "data/merge") == tables
 
 
+@pytest.mark.slow
 def test_a_pinch_parameter_runs_no_side_stage_and_the_way_back_none(workspace):
     before = workspace.fingerprints()
     original = (workspace / "params.yaml").read_text()
@@ -147,6 +147,7 @@ def test_a_pinch_parameter_runs_no_side_stage_and_the_way_back_none(workspace):
     assert workspace.fingerprints() == before
 
 
+@pytest.mark.slow
 def test_a_condition_runs_its_own_trials_and_is_recorded_once(workspace):
     runs, before = workspace.recorded_runs(), workspace.fingerprints()
     original = (workspace / "params.yaml").read_text()
@@ -167,6 +168,7 @@ def test_a_condition_runs_its_own_trials_and_is_recorded_once(workspace):
     assert workspace.recorded_runs() == after
 
 
+@pytest.mark.slow
 def test_an_object_of_one_s_own_comes_changes_and_goes(workspace):
     """Only its own items are computed, and none when it goes, whatever DVC remembers of earlier runs."""
     before = workspace.fingerprints("data")
@@ -195,6 +197,7 @@ def test_an_object_of_one_s_own_comes_changes_and_goes(workspace):
     assert UP_TO_DATE in workspace.dvc("status")
 
 
+@pytest.mark.slow
 def test_an_experiment_in_a_folder_of_its_own_takes_the_items_of_the_workspace(workspace):
     changed(workspace, "evaluate.trials", 2)
     workspace.repro("evaluate@synthesized")
@@ -217,6 +220,7 @@ def test_grasps_of_one_object_are_taken_from_another_folder(finished, tmp_path):
 # --- things that go wrong
 
 
+@pytest.mark.slow
 def test_a_killed_stage_goes_on_at_the_trial_it_was_at_and_ends_with_the_same_bytes(workspace, tmp_path):
     changed(workspace, "evaluate.trials", 4)
     with (tmp_path / "log").open("w") as output:
@@ -247,6 +251,7 @@ def test_a_killed_stage_goes_on_at_the_trial_it_was_at_and_ends_with_the_same_by
     assert workspace.fingerprints() == resumed
 
 
+@pytest.mark.slow
 def test_a_damaged_table_is_named_and_made_again_by_hand_or_by_dvc(finished, workspace):
     table, before = workspace / "data/validate/pinch/cube.parquet", finished.fingerprints()
     table.write_bytes(table.read_bytes()[:-100])

@@ -70,6 +70,7 @@ def test_a_vessel_of_one_sheet_is_refused_with_what_to_do(depth):
     assert "`wall: 0.002`" in str(refused.value) and "`accept_repair: true`" in str(refused.value)
 
 
+@pytest.mark.slow
 def test_a_vessel_with_a_wall_stays_hollow():
     """Volume of everything within half a wall of the five faces: area times wall, with round edges less than that."""
     wall = 0.003
@@ -242,6 +243,7 @@ def table_shape():
         (3, "CoACD ended by SIGABRT; its convex hull stands for the object in physics"),
     ],
 )
+@pytest.mark.slow
 def test_a_decomposition_that_aborts_is_tried_another_way(monkeypatch, failing, remark):
     calls = []
 

@@ -346,6 +346,7 @@ def test_strips_name_the_trial_and_how_to_replay_it(content, page):
     assert success.captions == ["settle", "hold"]
 
 
+@pytest.mark.slow
 @pytest.mark.render
 @needs_chromium
 def test_a_browser_draws_the_page_follows_a_cell_and_prints_without_a_network(content, tmp_path):

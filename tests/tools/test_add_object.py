@@ -76,6 +76,7 @@ def test_a_file_becomes_an_object(project, box, capsys):
     )
 
 
+@pytest.mark.slow
 def test_the_stage_makes_the_same_bytes_as_the_command(project, box, run_module, repository, capsys):
     options = ("--unit", "cm", "--scale", "0.1", "--up=-y", "--turn", "30", "--density", "250")
     assert run(box, "--style", "side", "--name", "brick", *options) == 0

@@ -18,6 +18,9 @@ from tools.website.hooks import made_pages
 ROOT = Path(__file__).resolve().parents[2]
 
 
+pytestmark = pytest.mark.slow  # the site is built once, in half a minute
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory) -> Path:
     """What `./dev docs` builds. In this process, which has loaded most of it already; any warning raises."""

@@ -69,6 +69,7 @@ MESHES = ["box.obj", "box.stl", "stl_ascii.stl", "box.ply", "ascii.ply", "box.of
 MESHES += ["box.gltf", "box.3mf", "box.dae", "box.zip"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*MESHES, "cloud.npy", "cloud.pcd"])
 @examples(5)
 @given(changes=edits)

@@ -273,6 +273,7 @@ def test_wrong_port_is_refused(capsys) -> None:
     assert "--port must be 1 to 65535" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.render
 @needs_chromium
 def test_browser_shows_a_merged_grasp_without_a_network(page: Page, tmp_path: Path) -> None:
