@@ -30,6 +30,7 @@ from tools.hand_guesses import (
     groups,
     inner_contacts,
     meeting,
+    meeting_near,
     opposing,
     overlapping_pairs,
 )
@@ -123,17 +124,18 @@ def guessed(hand: Hand) -> Guesses:
     q = sampled(hand)
     straight = stretched(hand, q)
     opposed = opposing(meeting(hand), {finger: own.way for finger, own in straight.items()})
-    found = meeting(hand, opposed)
+    found = meeting_near(hand, meeting(hand, opposed), opposed, HELD_RADIUS)
     face = facing(hand, found, straight, opposed)
     able = presses(hand, face, q)
     name = presser(hand, able, opposed)
-    return Guesses(found, meeting(hand, opposed, OPEN).q, opposed, straight, face, able[name] if name else None)
+    open_q = meeting_near(hand, found, opposed, OPEN).q
+    return Guesses(found, open_q, opposed, straight, face, able[name] if name else None)
 
 
 def _holding(hand: Hand, guesses: Guesses) -> dict[str, Any]:
     """Return the spread of postures in which each finger holds something, by finger."""
     found, press = {}, guesses.press
-    meetings = [meeting(hand, guesses.opposing, radius).q for radius in SMALLER]
+    meetings = [meeting_near(hand, guesses.found, guesses.opposing, radius).q for radius in SMALLER]
     for finger in guesses.straight:
         joints = finger_joints([finger], hand)
         if press is not None and finger == press.finger:
@@ -183,7 +185,7 @@ def _styles(content: dict[str, Any], hand: Hand, guesses: Guesses) -> dict[str, 
 def completed(content: dict[str, Any], hand: Hand, guesses: Guesses) -> dict[str, Any]:
     """Return the description with what the kinematics say."""
     pairs, holding = overlapping_pairs(hand), _holding(hand, guesses)
-    contacts = inner_contacts(hand, guesses.found, {finger: own.angles for finger, own in guesses.straight.items()})
+    contacts = inner_contacts(hand, guesses.found)
     fingers = {name: dict(own) for name, own in content["fingers"].items()}
     for finger, own in guesses.straight.items():
         fingers[finger] |= {"straight": _numbers(own.angles)}
@@ -214,7 +216,7 @@ COMMENTS = {
     "against; empty: none.",
     "palm_normal": "GUESS: to where the fingertips meet, across the stretched fingers unless they point there.",
     "tips": "GUESS: the last links.",
-    "contacts": "GUESS: points of a finger's last three links that lead as it closes, and the flat of the palm.",
+    "contacts": "GUESS: points of a finger's last three links that face what is held, and the flat of the palm.",
     "may_overlap": "Shapes that overlap in nearly all of 30 random postures.",
     "never_meeting": "The same pairs: physics leaves them out.",
     "styles": "GUESS pinch: the hand looks down, and `posture` has the tips about a ball of 60 mm radius. "

@@ -15,20 +15,20 @@ from numpy.typing import NDArray
 from pipeline.hand.contacts import distance_to_shapes
 from pipeline.hand.kinematics import link_poses, points_on_links
 from pipeline.hand.model import Hand
-from pipeline.hand.moves import finger_joints
 from pipeline.hand.surface import farthest_points, hand_surface
 from pipeline.records.parameters.hand import PALM
 
 POSTURES = 6000  # random ones
 BEST = 40  # of them that say where fingers meet
+NEARBY, NARROWING = 600, (0.15, 0.1, 0.06, 0.03, 0.015, 0.008)  # postures of a round, and how widely they are drawn
+STRAYED = 0.05  # m, that a posture at the other ends of all joints counts as being off
 EXTREME = 0.01  # m, that joints all at their limits count as being off
 CROSSED = 0.03  # m, that fingers which all reach across the middle count as being off
 HELD_RADIUS = 0.035  # m, of what fingertips are to close about
-FACING, TIP_FACING = 0.7, 0.2  # cosine between a surface's normal and the way that it moves as its finger closes
+FACING, TIP_FACING = 0.7, 0.2  # cosine between a surface's normal and the way to the middle of what is held
 ALONE, TOGETHER = -0.2, 0.1  # mean cosines between fingertips, seen from there: one that opposes, those that it opposes
 PARALLEL, ASKEW = 0.85, 0.75  # cosines of stretched fingers with each other, and of a thumb with them
 BURIED = 0.001  # m, from another link: what is nearer touches nothing else
-CLOSING = 8  # steps from a straight finger to a closed one
 CONTACT_LINKS = 3  # last ones of a finger that may touch
 TIP_CONTACTS, OTHER_CONTACTS = 16, 8
 OVERLAPPING = 0.9  # share of postures in which shapes that overlap do so by design
@@ -69,17 +69,21 @@ def finger_bases(hand: Hand) -> dict[str, NDArray[np.float64]]:
     return {finger: T[hand.link(links[0]), :3, 3] for finger, links in hand.finger_links.items() if finger != PALM}
 
 
-def meeting(hand: Hand, opposed: Sequence[str] = (), radius: float = HELD_RADIUS) -> Meeting:
-    """Return where the fingertips close best about a ball of some radius, m, among random postures.
+@dataclass(frozen=True)
+class _Tries:
+    """Postures, and how well the fingertips close about a ball in each."""
 
-    Args:
-        opposed: the finger that the others face, if one is known.
-    """
+    q: NDArray[np.float64]  # (n, J) rad
+    places: NDArray[np.float64]  # (n, fingers, 3) of the tips, hand frame, m
+    centre: NDArray[np.float64]  # (n, 3)
+    miss: NDArray[np.float64]  # (n,) m
+    score: NDArray[np.float64]  # (n,) m; the lower, the better
+
+
+def _tried(hand: Hand, q: NDArray[np.float64], opposed: Sequence[str], radius: float) -> _Tries:
     tips = tip_points(hand)
-    rng = np.random.Generator(np.random.PCG64(0))
-    q = rng.uniform(hand.lower, hand.upper, (POSTURES, hand.joint_count))
     links, points = np.array([link for link, _ in tips.values()]), np.array([point for _, point in tips.values()])
-    places = points_on_links(link_poses(hand, q), links, points)  # (n, fingers, 3)
+    places = points_on_links(link_poses(hand, q), links, points)
     alone = np.array([finger in opposed for finger in tips])
     centre = places.mean(1)
     if 0 < alone.sum() < len(tips):
@@ -91,12 +95,42 @@ def meeting(hand: Hand, opposed: Sequence[str] = (), radius: float = HELD_RADIUS
     miss = np.sqrt(((away - radius) ** 2).mean(1)) + np.maximum(0.015 - apart, 0.0)
     bent = ((2 * (q - hand.lower) / (hand.upper - hand.lower) - 1) ** 2).mean(1)
     crossed = _crossed(hand, places - centre[:, None], list(tips))
-    order = np.argsort(miss + EXTREME * bent + CROSSED * crossed, kind="stable")[:BEST]
-    middle = centre[order].mean(0)
-    mean = (places[order] - centre[order, None]).mean(0)
+    return _Tries(q, places, centre, miss, miss + EXTREME * bent + CROSSED * crossed)
+
+
+def meeting(hand: Hand, opposed: Sequence[str] = (), radius: float = HELD_RADIUS) -> Meeting:
+    """Return where the fingertips close best about a ball of some radius, m, among random postures.
+
+    Args:
+        opposed: the finger that the others face, if one is known.
+    """
+    rng = np.random.Generator(np.random.PCG64(0))
+    tried = _tried(hand, rng.uniform(hand.lower, hand.upper, (POSTURES, hand.joint_count)), opposed, radius)
+    order = np.argsort(tried.score, kind="stable")[:BEST]
+    middle = tried.centre[order].mean(0)
+    mean = (tried.places[order] - tried.centre[order, None]).mean(0)
     unit = mean / np.linalg.norm(mean, axis=1, keepdims=True)
-    near = order[np.linalg.norm(centre[order] - middle, axis=1).argmin()]
-    return Meeting(q[near], centre[near], dict(zip(tips, unit, strict=True)), float(miss[order[0]]))
+    near = order[np.linalg.norm(tried.centre[order] - middle, axis=1).argmin()]
+    directions = dict(zip(tip_points(hand), unit, strict=True))
+    return Meeting(tried.q[near], tried.centre[near], directions, float(tried.miss[order[0]]))
+
+
+def meeting_near(hand: Hand, start: Meeting, opposed: Sequence[str], radius: float) -> Meeting:
+    """Return where the fingertips close about a ball of some radius, m, in a posture like that of another meeting.
+
+    A random search about the best posture so far, narrower in every round; far from the start counts as being off.
+    """
+    rng = np.random.Generator(np.random.PCG64(1))
+    reach, best = hand.upper - hand.lower, start.q
+    for width in NARROWING:
+        q = best + width * reach * rng.standard_normal((NEARBY, hand.joint_count))
+        tried = _tried(hand, np.clip(np.vstack([best, q]), hand.lower, hand.upper), opposed, radius)
+        off = (((tried.q - start.q) / reach) ** 2).mean(1)
+        at = int((tried.score + STRAYED * off).argmin())
+        best = tried.q[at]
+    away = tried.places[at] - tried.centre[at]
+    unit = away / np.linalg.norm(away, axis=1, keepdims=True)
+    return Meeting(best, tried.centre[at], dict(zip(tip_points(hand), unit, strict=True)), float(tried.miss[at]))
 
 
 def _crossed(hand: Hand, away: NDArray[np.float64], fingers: Sequence[str]) -> NDArray[np.float64]:
@@ -140,30 +174,20 @@ def _odd_one(units: NDArray[np.float64]) -> int | None:
     return None
 
 
-def inner_contacts(
-    hand: Hand, found: Meeting, straight: Mapping[str, NDArray[np.float64]]
-) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Return contact candidates by link, points and normals (n, 3): what of a finger's last links leads as it closes.
-
-    Args:
-        straight: by finger the angles (j,) of its joints, rad, from which it closes.
-    """
+def inner_contacts(hand: Hand, found: Meeting) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Return contact candidates by link, points and normals (n, 3): what of the last links faces the ball."""
     owner, local = hand_surface(4000, hand)
+    T = link_poses(hand, found.q[None])[0]
     contacts = {}
     for finger, names in hand.finger_links.items():
         if finger == PALM:
             continue
-        joints = finger_joints([finger], hand)
-        q = np.repeat(found.q[None], CLOSING + 1, axis=0)
-        q[:, joints] = np.linspace(straight[finger], found.q[joints], CLOSING + 1)
-        T = link_poses(hand, q)
         for name in names[-CONTACT_LINKS:]:
             link, last = hand.link(name), name == names[-1]
             points = local[owner == link]
-            places = points @ np.swapaxes(T[:, link, :3, :3], 1, 2) + T[:, link, None, :3, 3]
-            leading = _unit((np.diff(places, axis=0) @ T[1:, link, :3, :3]).mean(0))  # link frame
+            inwards = _unit((found.centre - T[link, :3, 3]) @ T[link, :3, :3] - points)  # link frame
             normals = outward_normals(hand, link, points)
-            facing = (normals * leading).sum(1) > (TIP_FACING if last else FACING)
+            facing = (normals * inwards).sum(1) > (TIP_FACING if last else FACING)
             chosen = np.flatnonzero(facing & exposed(hand, link, points, found.q))
             count = min(len(chosen), TIP_CONTACTS if last else OTHER_CONTACTS)
             if count:
