@@ -1,4 +1,4 @@
-"""`./dev capture`: print a sheet of AprilTags, or check a folder of photos."""
+"""`./dev capture`: print a sheet of tags, or check a folder of photos."""
 
 from __future__ import annotations
 
@@ -6,26 +6,73 @@ import argparse
 import sys
 from pathlib import Path
 
+import yaml
+from pydantic import ValidationError
+
 from pipeline.records.captures import read_capture
-from pipeline.records.errors import UserError
+from pipeline.records.errors import UserError, first_mistake
 from pipeline.records.parameters import read_parameters
+from pipeline.records.tag_layouts import TAG_FAMILIES, TagLayout
 from pipeline.records.writing import whole_file
 from pipeline.stages.running import command
 
 DOUBTFUL = 1  # exit code of `check` when it finds a problem
 
 
-def print_tags(target: Path, count: int, first: int, size: float, page: str) -> None:
-    """Write the PDF and say how to print it."""
-    from pipeline.capture.sheet import tag_sheet
+KINDS = {  # family, convention and border that are printed unless the user says otherwise
+    "tags": ("tag36h11", "opencv", 1),
+    "grid": ("aruco_6x6_250", "opencv", 1),
+    "charuco": ("aruco_5x5_1000", "opencv", 1),
+    "aprilgrid": ("tag36h11", "apriltag", 2),
+}
 
-    sheet = tag_sheet(range(first, first + count), size, page)
-    with whole_file(target) as temporary:
+
+def _layout(chosen: argparse.Namespace) -> TagLayout:
+    """Return the layout that the options describe.
+
+    Raises:
+        UserError: they contradict each other.
+    """
+    family, convention, border = KINDS[chosen.kind]
+    size = chosen.size_mm if chosen.size_mm is not None else 60.0 if chosen.kind == "tags" else 24.0
+    if not 5 <= size <= 200:
+        raise UserError(f"--size-mm {size:g} is out of range; choose 5 to 200.")
+    content: dict[str, object] = {
+        "family": chosen.family or family,
+        "size": size / 1000,
+        "convention": convention,
+        "border": border,
+    }
+    if chosen.kind == "tags":
+        content["tags"] = "anywhere"
+    else:
+        gap = chosen.gap_mm / 1000 if chosen.gap_mm is not None else round(0.3 * size) / 1000
+        length = {"square": size / 1000 + gap} if chosen.kind == "charuco" else {"gap": gap}
+        content["board"] = {
+            "kind": chosen.kind,
+            "columns": chosen.columns,
+            "rows": chosen.rows,
+            "first": chosen.first,
+            **length,
+        }
+    try:
+        return TagLayout.model_validate(content)
+    except ValidationError as error:
+        raise UserError(f"such a sheet cannot be: {first_mistake(error, 'key')}.") from error
+
+
+def print_tags(chosen: argparse.Namespace) -> None:
+    """Write the PDF, say how to print it, and what to write into tags.yaml."""
+    from pipeline.capture.sheet import board_sheet, tag_sheet
+
+    layout = _layout(chosen)
+    numbers = range(chosen.first, chosen.first + chosen.count)
+    sheet = tag_sheet(numbers, layout, chosen.page) if layout.solved else board_sheet(layout, chosen.page)
+    with whole_file(chosen.out) as temporary:
         temporary.write_bytes(sheet)
-    print(
-        f"{target}: tags {first} to {first + count - 1} of tag36h11, {1000 * size:g} mm; "
-        "print at 100 % and check the ruler."
-    )
+    what = f"tags {numbers[0]} to {numbers[-1]} of {layout.family}" if layout.solved else f"a {chosen.kind} board"
+    print(f"{chosen.out}: {what}, {1000 * layout.size:g} mm; print at 100 % and check the ruler. For tags.yaml:")
+    print(yaml.safe_dump(layout.model_dump(mode="json", exclude_none=True), sort_keys=False), end="")
 
 
 def check(folder: Path) -> int:
@@ -35,21 +82,20 @@ def check(folder: Path) -> int:
     from pipeline.reconstruct.inspection import sentences
     from pipeline.reconstruct.normal_maps import normal_files
     from pipeline.reconstruct.photos import read_photos
-    from pipeline.reconstruct.tags import detect_tags
+    from pipeline.reconstruct.reconstruction import tags_in_photos
 
     photos = read_photos(capture, read_parameters().reconstruct.largest_side)
     if capture.intrinsics is not None:
         capture.intrinsics.check_sizes({photo.name: photo.file_size for photo in photos})
     normal_files(capture, photos)
-    sightings = {
-        photo.name: detect_tags(photo, capture.tags) for photo in watched(photos, len(photos), "looking for tags")
-    }
-    found = sentences(capture, photos, sightings)
+    seen = tags_in_photos(capture, list(watched(photos, len(photos), "looking for tags")))
+    found = sentences(capture, photos, seen)
     for sentence in found:
         print(sentence)
-    tags = sum(len(seen) for seen in sightings.values())
+    tags = sum(len(its.tags) for its in seen.values())
+    known = "tags" if capture.tags.solved else f"{len(capture.tags.numbers())} tags"
     print(
-        f"{folder}: {len(photos)} photos, {tags} sightings of {len(capture.tags.tags)} tags, "
+        f"{folder}: {len(photos)} photos, {tags} sightings of {known}, "
         f"{len(capture.scene.objects)} objects; {'see above' if found else 'no problems found'}."
     )
     return DOUBTFUL if found else 0
@@ -60,20 +106,23 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(prog="./dev capture", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
-    printing = commands.add_parser("print-tags", help="write a PDF of AprilTags in true size, with a ruler")
+    printing = commands.add_parser("print-tags", help="write a PDF of tags in true size, with a ruler")
+    printing.add_argument("--kind", choices=list(KINDS), default="tags", help="single tags, or a board of them")
+    printing.add_argument("--family", choices=list(TAG_FAMILIES), metavar="FAMILY", help="such as aruco_6x6_250")
     printing.add_argument("--out", type=Path, default=Path("tags.pdf"))
     printing.add_argument("--count", type=int, default=6, choices=range(1, 101), metavar="1..100")
     printing.add_argument("--first", type=int, default=0, help="number of the first tag")
-    printing.add_argument("--size-mm", type=float, default=60.0, help="edge of the black square")
+    printing.add_argument("--size-mm", type=float, help="edge of the black square (60; 24 on a board)")
+    printing.add_argument("--columns", type=int, default=5, help="of a board: tags, or squares of a chessboard")
+    printing.add_argument("--rows", type=int, default=7, help="of a board")
+    printing.add_argument("--gap-mm", type=float, help="between the black squares of a board")
     printing.add_argument("--page", choices=["a4", "letter"], default="a4")
     checking = commands.add_parser("check", help="report problems of a capture folder (exit code 1 if there are any)")
     checking.add_argument("folder", type=Path)
     chosen = parser.parse_args(arguments)
     if chosen.command == "check":
         return check(chosen.folder)
-    if not 5 <= chosen.size_mm <= 200:
-        raise UserError(f"--size-mm {chosen.size_mm:g} is out of range; choose 5 to 200.")
-    print_tags(chosen.out, chosen.count, chosen.first, chosen.size_mm / 1000, chosen.page)
+    print_tags(chosen)
     return 0
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.records.captures import TagLayout
+from pipeline.records.tag_layouts import TagLayout
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.reconstruct import AlignmentParameters
 
@@ -101,7 +101,7 @@ def align(
     if len(located) < settings.least_tags:
         seen = ", ".join(str(number) for number in located) or "none"
         raise UserError(
-            f"located {len(located)} of the {len(layout.tags)} tags in tags.yaml ({seen}), {settings.least_tags} are "
+            f"located {len(located)} of the {len(layout.numbers())} tags in tags.yaml ({seen}), {settings.least_tags} are "
             "needed; keep them in view of at least three sharp photos each, or correct their numbers and family."
         )
     truth = layout.corners()

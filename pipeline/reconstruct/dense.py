@@ -14,7 +14,6 @@ from pipeline.reconstruct.plane_sweep import (
     SECOND_ANGLE,
     DepthMap,
     Window,
-    box_corners,
     follow,
     neighbours,
     sweep,
@@ -78,9 +77,7 @@ def _depths(task: _Task) -> DepthMap:
 
 def _tasks(views: Sequence[View], scene: Scene, name: str, sweeping: SweepParameters, margin: float) -> list[_Task]:
     own, item = list(scene.objects).index(name), scene.objects[name]
-    T = item.matrix(scene.support_plane)
-    half = np.array(item.box[:2]) / 2 + margin
-    corners = box_corners(T, np.array([*-half, 0.0]), np.array([*half, item.box[2] + margin]))
+    corners = item.corners(scene.support_plane, margin)
     windows = {index: window_of(view, corners, sweeping.window) for index, view in enumerate(views)}
     visible = [index for index, window in windows.items() if window is not None]
     tasks = []

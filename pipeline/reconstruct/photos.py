@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 
+from pipeline.reconstruct.lens import focal_of_film
 from pipeline.records.captures import Capture
 from pipeline.records.errors import UserError
 
 SMALLEST_SIDE = 64  # pixels
+EXIF_FOLDER, FOCAL_AS_FILM = 0x8769, 0xA405  # EXIF's own folder, and in it the focal length as on 35 mm film
 
 
 @dataclass(frozen=True)
@@ -25,6 +27,7 @@ class Photo:
     usable: NDArray[np.bool_] | None  # (height, width), from masks/; None: everything
     file_size: tuple[int, int]  # width and height of the file, pixels
     times: int = 1  # by which it was shrunk
+    focal: float | None = None  # focal length by its EXIF data, pixels of the shrunk photo; None: not told
 
     @property
     def size(self) -> tuple[int, int]:
@@ -83,6 +86,16 @@ def read_colours(path: Path) -> NDArray[np.uint8]:
     return _read(path, "RGB")
 
 
+def exif_focal(path: Path) -> float | None:
+    """Return the focal length (pixels of the file) that a photo's EXIF data tell, None where they tell none."""
+    try:
+        with Image.open(path) as picture:
+            size, told = picture.size, picture.getexif().get_ifd(EXIF_FOLDER).get(FOCAL_AS_FILM)
+        return focal_of_film(float(told), *size) if told else None
+    except (OSError, SyntaxError, ValueError, TypeError, ZeroDivisionError):
+        return None  # damaged metadata tell nothing; the pixels are read on their own
+
+
 def read_photos(capture: Capture, largest_side: int) -> list[Photo]:
     """Read the photos of a capture in the order of their names.
 
@@ -106,7 +119,8 @@ def read_photos(capture: Capture, largest_side: int) -> list[Photo]:
         if times > 1:
             grey = np.asarray(shrunk(grey, times).round(), np.uint8)
             usable = None if usable is None else shrunk(usable, times) == 1
-        photos.append(Photo(path.stem, grey, usable, file_size, times))
+        focal = exif_focal(path)
+        photos.append(Photo(path.stem, grey, usable, file_size, times, None if focal is None else focal / times))
     if len(photos) < 3:
         raise UserError(f"{capture.folder}/images has {len(photos)} photos; take at least 12 all around the objects.")
     return photos

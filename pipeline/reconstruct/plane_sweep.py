@@ -58,14 +58,6 @@ class DepthMap:
     likeness: tuple[float, ...] = ()  # per other view, how well it shows the same where a known surface was followed
 
 
-def box_corners(
-    T_scene_box: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the corners (8, 3) of a box in the scene frame."""
-    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-    return np.asarray(corners @ T_scene_box[:3, :3].T + T_scene_box[:3, 3])
-
-
 def window_of(view: View, corners: NDArray[np.float64], padding: int) -> tuple[Window, float, float] | None:
     """Return the rectangle that shows ``corners`` (8, 3), and their nearest and farthest depth; None if out of view."""
     pixels, depth = view.project(corners)
