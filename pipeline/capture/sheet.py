@@ -129,7 +129,11 @@ def _between(board: Board, middles: Mapping[int, tuple[float, float]], size: flo
     """Return what else is black on a board: middle (m from the board's) and edge of squares."""
     if board.square is not None:
         return [
-            (board.square * (column - (board.columns - 1) / 2), board.square * ((board.rows - 1) / 2 - row), board.square)
+            (
+                board.square * (column - (board.columns - 1) / 2),
+                board.square * ((board.rows - 1) / 2 - row),
+                board.square,
+            )
             for row in range(board.rows)
             for column in range(board.columns)
             if (row + column) % 2 == 0
@@ -138,7 +142,14 @@ def _between(board: Board, middles: Mapping[int, tuple[float, float]], size: flo
     if board.kind != "aprilgrid":
         return []
     half = (size + gap) / 2  # kalibr's grid has a small square at every corner of every tag
-    return sorted({(round(x + i, 7), round(y + j, 7), gap) for x, y in middles.values() for i in (-half, half) for j in (-half, half)})
+    return sorted(
+        {
+            (round(x + i, 7), round(y + j, 7), gap)
+            for x, y in middles.values()
+            for i in (-half, half)
+            for j in (-half, half)
+        }
+    )
 
 
 def board_sheet(layout: TagLayout, page: str) -> bytes:
@@ -159,8 +170,8 @@ def board_sheet(layout: TagLayout, page: str) -> bytes:
     room = width - 2 * MARGIN, height - 2 * MARGIN - FOOT
     if 2 * reach[0] > room[0] + 1e-9 or 2 * reach[1] > room[1] + 1e-9:
         raise UserError(
-            f"the board is {2000 * reach[0]:.0f} x {2000 * reach[1]:.0f} mm large and does not fit on {page} paper, which "
-            f"has room for {1000 * room[0]:.0f} x {1000 * room[1]:.0f} mm; choose fewer or smaller tags."
+            f"the board is {2000 * reach[0]:.0f} x {2000 * reach[1]:.0f} mm large and does not fit on {page} paper, "
+            f"which has room for {1000 * room[0]:.0f} x {1000 * room[1]:.0f} mm; choose fewer or smaller tags."
         )
     x0, y0 = width / 2, MARGIN + FOOT + room[1] / 2
     drawn = [*_ruler(MARGIN + 0.012, layout.size), "0 g"]

@@ -88,9 +88,7 @@ def wrong_photos(bundle: Bundle, tracks: Tracks, posed: NDArray[np.bool_]) -> di
     return found
 
 
-def check_scale(
-    located: Mapping[int, Mapping[int, NDArray[np.float64]]], layout: TagLayout
-) -> dict[str, float | None]:
+def check_scale(located: Mapping[int, Mapping[int, NDArray[np.float64]]], layout: TagLayout) -> dict[str, float | None]:
     """Return how large the tags are, measured in the scene, over what ``tags.yaml`` says: smallest and largest.
 
     Args:

@@ -1,4 +1,4 @@
-"""Features joined to cameras: points between posed photos, poses of the others, and all of it adjusted with the tags."""
+"""Features joined to cameras: points between posed photos, poses of the others, all of it adjusted with the tags."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ LEAST_RESECTED = 20  # points in a photo that pose it
 KEPT_OUT = 4  # every so many-th photo is kept out to choose the lens
 LEAST_TO_CHOOSE = 8  # photos
 BETTER = 0.98  # of the plainer lens's error on photos kept out, that a richer one must reach
-
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,10 @@ def triangulated(
 def resected(
     bundle: Bundle, photo: int, places: NDArray[np.float64], pixels: NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
-    """Return the pose (4, 4) of a photo that sees ``places`` (n, 3) at ``pixels`` (n, 2), some wrongly; None if unsure."""
+    """Return the pose (4, 4) of a photo that sees ``places`` (n, 3) at ``pixels`` (n, 2), some wrongly.
+
+    None when too few of them agree.
+    """
     if len(places) < LEAST_RESECTED:
         return None
     lens = bundle.lenses[bundle.lens_of[photo]]
@@ -208,5 +210,3 @@ def feature_support(
     count = np.bincount(photo[known], minlength=len(posed))
     near = np.bincount(photo[known], errors < limit, minlength=len(posed))
     return count, near / np.maximum(count, 1)
-
-

@@ -8,15 +8,17 @@ from typing import Any
 
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 
 from pipeline.compute.fan_out import Workers
 from pipeline.reconstruct.accuracy import Accuracy, compare
 from pipeline.reconstruct.cameras import Cameras, find_cameras
 from pipeline.reconstruct.dense import DenseObject, dense_objects
+from pipeline.reconstruct.detection import Seen, family_seen, seen_tags
+from pipeline.reconstruct.fusion import support_shares
 from pipeline.reconstruct.normal_maps import normal_files, read_normals, shrunk_normals
 from pipeline.reconstruct.photos import Photo, read_grey, read_photos
 from pipeline.reconstruct.surface import Surface, samples_of
-from pipeline.reconstruct.detection import Seen, family_seen, seen_tags
 from pipeline.reconstruct.tags import check_sightings
 from pipeline.reconstruct.views import View, undistort_all, undistorted_normals
 from pipeline.records.captures import Capture, SceneObject, Truth
@@ -24,7 +26,6 @@ from pipeline.records.errors import UserError
 from pipeline.records.geometry import read_geometry_file
 from pipeline.records.parameters.reconstruct import ReconstructParameters
 from pipeline.records.reconstructions import ReconstructedObject
-
 
 FAMILY_PHOTOS = 4  # searched for other families
 
@@ -38,6 +39,7 @@ class Reconstruction:
     views: tuple[View, ...]
     cameras: Cameras
     normal_prior: bool
+    supported: dict[str, NDArray[np.int64]]  # per object and sample of its surface how many photos measured it
 
 
 def in_object_frame(name: str, item: SceneObject, found: DenseObject, count: int, seed: int) -> ReconstructedObject:
@@ -76,8 +78,8 @@ def tags_in_photos(capture: Capture, photos: Sequence[Photo]) -> dict[str, Seen]
         family = family_seen(few, capture.tags.family)
         if family is not None:
             raise UserError(
-                f"{capture.folder}/tags.yaml says that the tags are of the family {capture.tags.family}, but the photos "
-                f"show {family}; write that there."
+                f"{capture.folder}/tags.yaml says that the tags are of the family {capture.tags.family}, but the "
+                f"photos show {family}; write that there."
             )
     return seen
 
@@ -114,7 +116,16 @@ def reconstruct(capture: Capture, settings: ReconstructParameters, seed: int, wo
         name: in_object_frame(name, capture.scene.objects[name], found, settings.surface.points, seed)
         for name, found in dense.items()
     }
-    return Reconstruction(objects, dense, tuple(views), cameras, bool(priors))
+    supported = {
+        name: support_shares(
+            item.points @ item.T_scene_object[:3, :3].T + item.T_scene_object[:3, 3],
+            views,
+            dense[name].maps,
+            settings.sweep.agreement,
+        )
+        for name, item in objects.items()
+    }
+    return Reconstruction(objects, dense, tuple(views), cameras, bool(priors), supported)
 
 
 def cameras_of(views: Sequence[View]) -> dict[str, Any]:
@@ -162,6 +173,12 @@ def _camera_errors(views: Sequence[View], truth: Truth) -> dict[str, float]:
     return {"camera_mm_mean": float(off.mean()), "camera_mm_max": float(off.max())}
 
 
+def _shares(counts: NDArray[np.int64]) -> dict[str, float]:
+    """Return the shares of a surface that no, one or two, three to five, and more photos measured."""
+    limits = {"0": (0, 0), "1-2": (1, 2), "3-5": (3, 5), "6+": (6, np.inf)}
+    return {name: float(((counts >= low) & (counts <= high)).mean()) for name, (low, high) in limits.items()}
+
+
 def metrics_of(result: Reconstruction, method: str, truth: Truth | None) -> dict[str, Any]:
     """Return the figures of ``metrics.json``; lengths in mm, as people say them.
 
@@ -189,6 +206,8 @@ def metrics_of(result: Reconstruction, method: str, truth: Truth | None) -> dict
     for name, item in result.objects.items():
         metrics["objects"][name] = {
             "points": len(result.dense[name].points.positions),
+            "supported_by": _shares(result.supported[name]),
+            "extents_mm": (1000 * np.ptp(item.vertices, axis=0)).tolist(),
             "seen_through": result.dense[name].points.seen_through,
             "seen_share": float(item.seen.mean()),
             "volume_cm3": 1e6 * item.volume,

@@ -53,9 +53,7 @@ def _lens(camera: Any) -> Lens:
     return lens.with_values(np.array([lens.focal, *camera.params[4:8]]))
 
 
-def mapped(
-    folder: Path, photos: Sequence[Photo], settings: SparseParameters, calibrated: bool, seed: int
-) -> Mapped:
+def mapped(folder: Path, photos: Sequence[Photo], settings: SparseParameters, calibrated: bool, seed: int) -> Mapped:
     """Return poses of the photos whose features are in COLMAP's database in ``folder``.
 
     Raises:

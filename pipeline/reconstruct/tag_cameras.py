@@ -205,9 +205,7 @@ def _adjusted(bundle: Bundle, freedom: Freedom) -> Bundle:
     """Adjust without the lens's distortion first, then with it."""
     focal_only = tuple(replace(lens, free=min(lens.free, 1)) for lens in bundle.lenses)
     found = adjust(replace(bundle, lenses=focal_only), freedom)
-    lenses = tuple(
-        replace(lens, free=own.free) for lens, own in zip(found.lenses, bundle.lenses, strict=True)
-    )
+    lenses = tuple(replace(lens, free=own.free) for lens, own in zip(found.lenses, bundle.lenses, strict=True))
     return adjust(replace(found, lenses=lenses), freedom)
 
 
@@ -218,7 +216,7 @@ def cameras_from_tags(
     guesses: Sequence[Sequence[Lens]],
     least_tags: int = LEAST_TAGS,
 ) -> TagCameras | None:
-    """Return lenses and poses from tags alone, and the tags' own places if they are not known; None if they cannot tell.
+    """Return lenses and poses from tags alone, and the tags' places if they are not known; None if they cannot tell.
 
     Args:
         guesses: see :func:`guessed_lenses`; the set with which the tags fit best is kept.

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from pipeline.reconstruct.detection import Sightings
 from pipeline.reconstruct.lens import Lens
 from pipeline.reconstruct.photos import Photo
-from pipeline.records.tag_layouts import TagLayout
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.reconstruct import AlignmentParameters
+from pipeline.records.tag_layouts import TagLayout
+
 
 class Posed(Protocol):
     """A photo with a pose, in any frame."""
@@ -44,9 +45,9 @@ def check_sightings(sightings: Mapping[str, Sightings], layout: TagLayout, setti
     good = sum(counts[number] >= settings.least_views for number in layout.numbers())
     if good < settings.least_tags:
         raise UserError(
-            f"{good} of the {len(layout.numbers())} tags in tags.yaml are seen in {settings.least_views} photos or more, "
-            f"{settings.least_tags} are needed; lay out at least four and keep them in view, or correct their family "
-            "and numbers there."
+            f"{good} of the {len(layout.numbers())} tags in tags.yaml are seen in {settings.least_views} photos or "
+            f"more, {settings.least_tags} are needed; lay out at least four and keep them in view, or correct their "
+            "family and numbers there."
         )
 
 

@@ -33,9 +33,7 @@ def on_the_sheet(
 ) -> dict[str, NDArray[np.bool_]]:
     """Return per posed photo where (h, w) it shows the sheet of tags or what stands in an object's box."""
     corners = layout.corners()
-    grown = [
-        places.mean(axis=0) + (1 + 2 * BORDER) * (places - places.mean(axis=0)) for places in corners.values()
-    ]
+    grown = [places.mean(axis=0) + (1 + 2 * BORDER) * (places - places.mean(axis=0)) for places in corners.values()]
     bodies = [np.concatenate(grown)]
     bodies += [item.corners(scene.support_plane, AROUND_BOX) for item in scene.objects.values()]
     found = {}
@@ -62,7 +60,10 @@ def _blocks(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _share_at_rest(one: NDArray[np.float32], other: NDArray[np.float32]) -> float | None:
-    """Return the share of blocks (n, pixels), of those that show something, that two photos show alike; None: too few."""
+    """Return the share of blocks (n, pixels) that two photos show alike, of those that show something.
+
+    None when these are too few.
+    """
     a, b = one - one.mean(axis=1, keepdims=True), other - other.mean(axis=1, keepdims=True)
     telling = (a.std(axis=1) > LEAST_CONTRAST) | (b.std(axis=1) > LEAST_CONTRAST)
     if telling.sum() < LEAST_BLOCKS:

@@ -30,13 +30,32 @@ def test_blur_exposure_few_photos_and_lonely_tags_are_told(copy, capsys):
     with Image.open(copy / "images/photo_004.jpg") as picture:
         burnt = picture.point(lambda value: min(255, 3 * value))
     burnt.save(copy / "images/photo_004.jpg")
+    shutil.copy(copy / "images/photo_005.jpg", copy / "images/photo_006.jpg")
     layout = yaml.safe_load((copy / "tags.yaml").read_text())
     layout["tags"][77] = {"position": [0.3, 0.3, 0]}
     (copy / "tags.yaml").write_text(yaml.safe_dump(layout))
     assert main(["check", str(copy)]) == 1
     text = capsys.readouterr().out
-    for words in ("only 11 photos", "photo_002 is blurred", "photo_004 is", "white", "Tag 77 is seen in 0 photos"):
+    for words in (
+        "only 11 photos",
+        "photo_002 is blurred",
+        "photo_004 is",
+        "white",
+        "Tag 77 is seen in 0 photos",
+        "photo_005 and photo_006 are the same",
+    ):
         assert words in text, text
+
+
+def test_hidden_tags_are_no_problem_and_a_wrong_family_is_named(copy, capsys):
+    layout = yaml.safe_load((copy / "tags.yaml").read_text())
+    layout["tags"][77] = {"position": [-0.07, -0.04, 0]}  # under the block
+    (copy / "tags.yaml").write_text(yaml.safe_dump(layout))
+    assert main(["check", str(copy)]) == 0, capsys.readouterr().out
+    layout = {"family": "aruco_4x4_50", "size": 0.06, "tags": {0: {"position": [0, 0, 0]}}}
+    (copy / "tags.yaml").write_text(yaml.safe_dump(layout))
+    assert main(["check", str(copy)]) == 2
+    assert "the photos show tag36h11; write that there" in capsys.readouterr().err
 
 
 def test_sizes_that_disagree_are_told(sightings, capture_folder):
