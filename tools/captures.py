@@ -79,7 +79,7 @@ def check(folder: Path) -> int:
     """Print the problems of a capture and return the exit code."""
     capture = read_capture(folder)
     from pipeline.compute.progress import watched
-    from pipeline.reconstruct.inspection import sentences
+    from pipeline.reconstruct.inspection import camera_sentences, sentences
     from pipeline.reconstruct.normal_maps import normal_files
     from pipeline.reconstruct.photos import read_photos
     from pipeline.reconstruct.reconstruction import tags_in_photos
@@ -89,11 +89,14 @@ def check(folder: Path) -> int:
         capture.intrinsics.check_sizes({photo.name: photo.file_size for photo in photos})
     normal_files(capture, photos)
     seen = tags_in_photos(capture, list(watched(photos, len(photos), "looking for tags")))
-    found = sentences(capture, photos, seen)
+    doubts, told = camera_sentences(photos, seen, capture.tags)
+    found = sentences(capture, photos, seen) + doubts
     for sentence in found:
         print(sentence)
     tags = sum(len(its.tags) for its in seen.values())
     known = "tags" if capture.tags.solved else f"{len(capture.tags.numbers())} tags"
+    if told:
+        print(f"By the tags: {told}.")
     print(
         f"{folder}: {len(photos)} photos, {tags} sightings of {known}, "
         f"{len(capture.scene.objects)} objects; {'see above' if found else 'no problems found'}."

@@ -10,9 +10,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.reconstruct.camera_checks import check_lenses
 from pipeline.reconstruct.detection import Seen, Sightings
 from pipeline.reconstruct.photos import Photo
+from pipeline.reconstruct.tag_cameras import cameras_from_tags, guessed_lenses, lens_groups, solved_layout
 from pipeline.records.captures import Capture
+from pipeline.records.errors import UserError
 from pipeline.records.tag_layouts import TagLayout
 
 FEW_PHOTOS = 12
@@ -107,6 +110,35 @@ def tag_sentences(capture: Capture, seen: Mapping[str, Seen]) -> list[str]:
         for number, count in sorted(repeated.items())
     ]
     return found
+
+
+def camera_sentences(photos: Sequence[Photo], seen: Mapping[str, Seen], layout: TagLayout) -> tuple[list[str], str]:
+    """Return what is doubtful about the cameras that the tags alone tell, and what they tell in short."""
+    sizes, lens_of = lens_groups(photos)
+    known = {photo.size: photo.focal for photo in photos if photo.focal is not None}
+    sightings = {name: its.tags for name, its in seen.items()}
+    cameras = cameras_from_tags(photos, sightings, layout, guessed_lenses(sizes, known))
+    if cameras is None:
+        return ["The tags tell no camera; keep two or more in view of every photo."], ""
+    if layout.solved:
+        layout, cameras = solved_layout(cameras, layout)
+    found = []
+    poses = cameras.poses()
+    unposed = [photo.name for photo in photos if photo.name not in poses]
+    if len(unposed) > len(photos) / 2:
+        found.append(f"Tags pose only {len(poses)} of {len(photos)} photos; keep two or more in view of every photo.")
+    told = {photo.name: photo.focal for photo in photos if photo.focal is not None}
+    try:
+        check_lenses(cameras.bundle.lenses, sizes, told, {photo.name: photo.size for photo in photos})
+    except UserError as error:
+        text = str(error)
+        found.append(text[0].upper() + text[1:])
+    up = [float(np.degrees(np.arcsin(-T[2, 2]))) for T in poses.values()]
+    focal = cameras.bundle.lenses[lens_of[cameras.names[0]]].focal
+    said = (
+        f"focal length {focal:.0f} pixels at the size worked with, cameras look down by {min(up):.0f} to {max(up):.0f}"
+    )
+    return found, f"{said} degrees, tags pose {len(poses)} of {len(photos)} photos"
 
 
 def same_pictures(photos: Sequence[Photo]) -> list[tuple[str, str]]:

@@ -234,7 +234,9 @@ def sweep(
     if support is not None:
         on_it = support_score(views, view, others, window, reference, support)
         good &= ~((on_it > settings.least_correlation) & (on_it > score - SUPPORT_NEARLY))
-        seen = (on_it > SUPPORT_PLAINLY) & (on_it > score - SUPPORT_NEARLY) & (reference.variance > LEAST_CONTRAST**2)
+        plain = (on_it > SUPPORT_PLAINLY) & (on_it > score - SUPPORT_NEARLY) & (reference.variance > LEAST_CONTRAST**2)
+        # A window at an object's outline may follow the support's texture: only what lies wholly on it counts.
+        seen = cv2.erode(plain.astype(np.uint8), np.ones((settings.window, settings.window), np.uint8)) > 0
     return DepthMap(view, window, np.where(good, depth, 0).astype(np.float32), score, (), seen)
 
 

@@ -114,7 +114,7 @@ def test_what_shows_the_support_gets_no_depth(settings):
     free = sweep(views, 0, [1, 2, 3, 4], window, 0.25, 0.6, settings)
     bound = sweep(views, 0, [1, 2, 3, 4], window, 0.25, 0.6, settings, support=0.0)
     assert (free.depth > 0).mean() > 0.8 and (bound.depth > 0).mean() < 0.02
-    assert bound.support is not None and bound.support.mean() > 0.8
+    assert bound.support is not None and bound.support.mean() > 0.7
     lower = sweep(views, 0, [1, 2, 3, 4], window, 0.25, 0.6, settings, support=-0.03)
     assert (lower.depth > 0).mean() > 0.75 and lower.support.mean() < 0.05, "what stands higher keeps its depth"
 
