@@ -2,10 +2,10 @@
 
     python benchmarks/real_photos.py FOLDER [--only mango] [--cameras] [--largest-side 1600]
 
-FOLDER holds one folder per set: a capture (images/, tags.yaml, scene.yaml, masks/ perhaps), which is reconstructed
-with its masks and without; photos of a grid of 36 tags (aprilgrid_phone); or single photos with a list of corners beside
-each (apriltag_single: one tag a line, number and four corners). Independent figures come from the sets' own notes: the camera
-by the board alone with one focal length, a hull from hand-made masks, a plane sweep with those cameras.
+FOLDER holds one folder per set: a capture (images/, tags.yaml, scene.yaml, perhaps masks/), which is reconstructed with
+its masks and without; photos of a grid of 36 tags (aprilgrid_phone); or single photos, each with a list of corners
+(apriltag_single: one tag a line, number and four corners). Independent figures come from the notes of the sets: the
+camera by the board alone with one focal length, a hull from hand-made masks, a plane sweep with those cameras.
 """
 
 from __future__ import annotations

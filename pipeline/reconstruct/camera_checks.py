@@ -62,10 +62,14 @@ def check_lenses(
             )
 
 
-def wrong_photos(bundle: Bundle, tracks: Tracks, posed: NDArray[np.bool_]) -> dict[int, str]:
-    """Return per photo that does not fit the others why not, in words that follow its name."""
+def wrong_photos(bundle: Bundle, tracks: Tracks, posed: NDArray[np.bool_], slack: float = 1.0) -> dict[int, str]:
+    """Return per photo that does not fit the others why not, in words that follow its name.
+
+    Args:
+        slack: by which distances in pixels may be larger, before cameras were adjusted.
+    """
     found = {}
-    count, share = feature_support(bundle, tracks, posed, FITS)
+    count, share = feature_support(bundle, tracks, posed, slack * FITS)
     which, errors = bundle.corners[0], bundle.corner_errors()
     middle = bundle.tags[:, :3, 3].mean(axis=0)
     centres = -(np.swapaxes(bundle.poses[:, :3, :3], 1, 2) @ bundle.poses[:, :3, 3, None])[..., 0]
@@ -79,7 +83,7 @@ def wrong_photos(bundle: Bundle, tracks: Tracks, posed: NDArray[np.bool_]) -> di
             found[int(photo)] = f"would be {distance[photo]:.2f} m away, the others {usual:.2f} m"
         elif behind:
             found[int(photo)] = "would look at the tags from behind"
-        elif own.any() and np.median(errors[own]) > LARGEST_CORNER:
+        elif own.any() and np.median(errors[own]) > slack * LARGEST_CORNER:
             found[int(photo)] = f"shows the tags {np.median(errors[own]):.0f} pixels off"
         elif count[photo] >= LEAST_FEATURES and share[photo] < LEAST_FITTING:
             found[int(photo)] = f"fits the others in only {share[photo]:.0%} of what it shares with them"

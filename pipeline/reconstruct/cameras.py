@@ -17,7 +17,7 @@ from pipeline.reconstruct.alignment import Alignment, align
 from pipeline.reconstruct.camera_checks import check_lenses, check_scale, wrong_photos
 from pipeline.reconstruct.detection import Seen, Sightings
 from pipeline.reconstruct.features import Matches, extract_and_match, tracks
-from pipeline.reconstruct.joining import Choice, Tracks, adjusted_together, chosen_lens, grown
+from pipeline.reconstruct.joining import Choice, Tracks, adjusted_together, chosen_lens, grown, steadied
 from pipeline.reconstruct.lens import Lens
 from pipeline.reconstruct.photos import Photo
 from pipeline.reconstruct.sparse import mapped
@@ -37,6 +37,7 @@ from pipeline.records.errors import UserError
 from pipeline.records.parameters.reconstruct import AlignmentParameters, ReconstructParameters, SparseParameters
 from pipeline.records.tag_layouts import TagLayout
 
+UNADJUSTED = 5.0  # times the usual distances in pixels may be off before the first adjustment
 LEAST_BY_TAGS = 0.5  # of the photos that tags must pose; else features find all poses first
 
 
@@ -137,15 +138,15 @@ def _check_count(kept: int, photos: int, dropped: Mapping[str, str], settings: S
 
 
 def _with_reasons(
-    bundle: Bundle, found: Tracks, posed: NDArray[np.bool_], photos: Sequence[Photo]
+    bundle: Bundle, found: Tracks, posed: NDArray[np.bool_], photos: Sequence[Photo], slack: float
 ) -> tuple[NDArray[np.bool_], dict[str, str]]:
-    """Return which photos are kept, and why the others are not."""
+    """Return which photos are kept, and why the others are not; ``slack`` as in :func:`wrong_photos`."""
     dropped = {
         photo.name: "shares too little with the others to be placed"
         for photo, its in zip(photos, posed, strict=True)
         if not its
     }
-    wrong = wrong_photos(bundle, found, posed)
+    wrong = wrong_photos(bundle, found, posed, slack)
     kept = posed.copy()
     for at, reason in wrong.items():
         kept[at], dropped[photos[at].name] = False, reason
@@ -162,12 +163,13 @@ def _joined(
 ) -> tuple[Bundle, NDArray[np.bool_], Choice, dict[str, str]]:
     """Adjust everything together; leave out the photos that do not fit the rest, and adjust again without them."""
     bundle, posed = grown(bundle, found, posed)
-    kept, dropped = _with_reasons(bundle, found, posed, photos)
+    kept, dropped = _with_reasons(bundle, found, posed, photos, UNADJUSTED)
     _check_count(int(kept.sum()), len(photos), dropped, settings)
+    bundle = steadied(_all_posed(bundle, kept), found, kept, placed)
     choice = chosen_lens(_all_posed(bundle, kept), found, kept, placed, settings.camera_model)
     while True:
         bundle = adjusted_together(_all_posed(bundle, kept), found, kept, placed, choice)
-        again, more = _with_reasons(bundle, found, kept, photos)
+        again, more = _with_reasons(bundle, found, kept, photos, 1.0)
         if again.sum() == kept.sum():
             return bundle, kept, choice, dropped
         kept, dropped = again, {**more, **dropped}

@@ -47,12 +47,13 @@ def _midpoints(
 
 
 def triangulated(
-    tracks: Tracks, posed: NDArray[np.bool_], bundle: Bundle
+    tracks: Tracks, posed: NDArray[np.bool_], bundle: Bundle, far_off: float = FAR_OFF
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
     """Return the points (count, 3), which are known, and which features (m,) agree with them.
 
     Args:
         posed: (photos,) whose poses in ``bundle`` hold.
+        far_off: pixels from its point, from which on a feature is left out.
     """
     use = posed[tracks.which[:, 0]]
     R, t = bundle.poses[:, :3, :3], bundle.poses[:, :3, 3]
@@ -71,7 +72,7 @@ def triangulated(
         error = np.linalg.norm(errors, axis=1)
         worst = np.zeros(tracks.count)
         np.maximum.at(worst, point, error)
-        bad = (error > FAR_OFF) & (error >= worst[point])
+        bad = (error > far_off) & (error >= worst[point])
         if not bad.any():
             break
         use[np.flatnonzero(use)[bad]] = False
@@ -188,6 +189,12 @@ def chosen_lens(
     return Choice(best, errors)
 
 
+def steadied(bundle: Bundle, tracks: Tracks, posed: NDArray[np.bool_], placed: NDArray[np.float64]) -> Bundle:
+    """Return the bundle after a first adjustment with few points and the plainest lens."""
+    plain = replace(bundle, lenses=_freed(bundle, next(iter(MODELS))))
+    return adjust(with_points(plain, tracks, posed, CHOOSING_POINTS), Freedom(poses=posed, placed=placed))
+
+
 def adjusted_together(
     bundle: Bundle, tracks: Tracks, posed: NDArray[np.bool_], placed: NDArray[np.float64], choice: Choice
 ) -> Bundle:
@@ -203,7 +210,7 @@ def feature_support(
     bundle: Bundle, tracks: Tracks, posed: NDArray[np.bool_], limit: float
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return per photo how many features it shares with points of the others, and the share seen within ``limit``."""
-    points, good, _ = triangulated(tracks, posed, bundle)
+    points, good, _ = triangulated(tracks, posed, bundle, 2 * limit)
     photo, point = tracks.which.T
     known = good[point] & posed[photo]
     errors = np.linalg.norm(bundle.seen(photo[known], points[point[known]]) - tracks.pixels[known], axis=1)
