@@ -15,29 +15,37 @@ TELLING_LIKENESS = 0.5  # median below which too little texture is there to tell
 LARGEST_CONTRADICTION = 0.3  # share of shared sightings, from which on two photos contradict each other
 # An object was moved between two photos when the pairs of photos across that moment contradict each other, and those on
 # one side of it agree: gloss, faint texture and wrong matches contradict anywhere. Shares of the pairs.
-LEAST_ACROSS, LARGEST_WITHIN = 0.6, 0.25
-LEAST_PAIRS, LEAST_PHOTOS = 4, 2  # across, and on each side
+LEAST_ACROSS, LARGEST_WITHIN = 0.6, 0.2
+LEAST_PAIRS, LEAST_PHOTOS = 8, 3  # across, and on each side
 
 
-def contradicting_pairs(
-    contradictions: Sequence[tuple[int, int, float]], maps: Sequence[DepthMap]
-) -> dict[tuple[int, int], bool]:
-    """Return per pair of photos that tell, by depths or by likeness, whether they contradict each other."""
-    found: dict[tuple[int, int], bool] = {}
+Pairs = dict[tuple[int, int], bool]  # whether two photos contradict each other, where they tell
+
+
+def pairs_by_depth(contradictions: Sequence[tuple[int, int, float]]) -> Pairs:
+    """Return per pair of photos whether one looks through what the other measured."""
+    found: Pairs = {}
     for one, other, share in contradictions:
         pair = (min(one, other), max(one, other))
         found[pair] = found.get(pair, False) or share > LARGEST_CONTRADICTION
-    alike = [value for depth in maps for _, value in depth.likeness]
-    usual = float(np.median(alike)) if alike else 0.0
-    if usual > TELLING_LIKENESS:
-        for depth in maps:
-            for other, value in depth.likeness:
-                pair = (min(depth.view, other), max(depth.view, other))
-                found[pair] = found.get(pair, False) or value < UNLIKE * usual
     return found
 
 
-def moved_before(pairs: dict[tuple[int, int], bool]) -> tuple[int, float] | None:
+def pairs_by_likeness(maps: Sequence[DepthMap]) -> Pairs:
+    """Return per pair of photos whether they show something else on the surface; none where little texture is."""
+    alike = [value for depth in maps for _, value in depth.likeness]
+    usual = float(np.median(alike)) if alike else 0.0
+    if usual <= TELLING_LIKENESS:
+        return {}
+    found: Pairs = {}
+    for depth in maps:
+        for other, value in depth.likeness:
+            pair = (min(depth.view, other), max(depth.view, other))
+            found[pair] = found.get(pair, False) or value < UNLIKE * usual
+    return found
+
+
+def moved_before(pairs: Pairs) -> tuple[int, float] | None:
     """Return the first photo after an object was moved, and the share of pairs across that contradict; None at rest."""
     if not pairs:
         return None
@@ -67,7 +75,7 @@ def check_at_rest(
     Raises:
         UserError: it was moved between the photos.
     """
-    moved = moved_before(contradicting_pairs(contradictions, maps))
+    moved = moved_before(pairs_by_likeness(maps)) or moved_before(pairs_by_depth(contradictions))
     if moved is not None:
         first, share = moved
         raise UserError(

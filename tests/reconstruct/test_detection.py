@@ -46,7 +46,7 @@ def test_a_border_of_two_cells_and_either_way_up(convention):
 
 
 def test_a_large_photo_is_searched_before_it_is_shrunk():
-    """36 tags on which, shrunk to a third, a cell is two pixels wide."""
+    """Corners are as exact as in the photo as it was stored, in pixels of the one that is worked with."""
     layout = grid("tag36h11", 6, 6)
     layout = layout.model_copy(update={"size": 0.018, "board": layout.board.model_copy(update={"gap": 0.006})})
     size, focal = (2700, 2100), 2600.0
