@@ -87,16 +87,20 @@ def _detector(family: str, border: int, windows: tuple[int, int, int]) -> Any:
     return cv2.aruco.ArucoDetector(dictionary, options)
 
 
+def _resized(grey: NDArray[np.uint8], factor: float, how: int) -> NDArray[np.uint8]:
+    return np.asarray(cv2.resize(grey, None, fx=factor, fy=factor, interpolation=how), np.uint8)
+
+
 def _levels(grey: NDArray[np.uint8]) -> Iterable[tuple[NDArray[np.uint8], float, tuple[int, int, int]]]:
     """Return the photo at the sizes at which it is searched, how often each is as large, and the windows to try."""
     side = max(grey.shape)
     yield grey, 1.0, WINDOWS
     if side < SMALL:
-        yield cv2.resize(grey, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC), 2.0, DENSE_WINDOWS
+        yield _resized(grey, 2.0, cv2.INTER_CUBIC), 2.0, DENSE_WINDOWS
     factor = 1.0
     while side * factor > LARGE:
         factor /= 2
-        yield cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), factor, WINDOWS
+        yield _resized(grey, factor, cv2.INTER_AREA), factor, WINDOWS
 
 
 def all_tags(grey: NDArray[np.uint8], family: str, border: int = 1) -> list[Sighting]:
