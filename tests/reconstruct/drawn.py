@@ -51,10 +51,11 @@ def photo_of(
     H = np.linalg.inv(half) @ K @ T[:3, [0, 1, 3]] @ to_scene @ half
     large = (size[0] * 2, size[1] * 2)  # drawn twice as large and averaged: edges as a sensor sees them
     double = np.array([[2, 0, 0.5], [0, 2, 0.5], [0, 0, 1.0]])
-    seen = cv2.warpPerspective(sheet, double @ H, large, flags=cv2.INTER_AREA, borderValue=90)
+    # In linear light throughout: values coded for a screen would move the edges when they are averaged.
+    light = (sheet.astype(np.float32) / 255) ** 2.2
+    seen = cv2.warpPerspective(light, double @ H, large, flags=cv2.INTER_LINEAR, borderValue=(90 / 255) ** 2.2)
     there = cv2.warpPerspective(np.ones_like(sheet), double @ H, large, flags=cv2.INTER_NEAREST)
-    light = (seen.astype(np.float32) / 255) ** 2.2
-    light = cv2.resize(light, size, interpolation=cv2.INTER_AREA)
+    light = cv2.resize(seen, size, interpolation=cv2.INTER_AREA)
     photo = (255 * light ** (1 / 2.2)).round().astype(np.uint8)
     if behind is not None:
         photo = np.where(cv2.resize(there, size, interpolation=cv2.INTER_NEAREST) > 0, photo, behind)
