@@ -91,11 +91,11 @@ def _whole(
     photos: Sequence[Photo],
     poses: Mapping[str, NDArray[np.float64]],
     lenses: Sequence[Lens],
+    lens_of: Mapping[str, int],
     sightings: Mapping[str, Sightings],
     layout: TagLayout,
 ) -> tuple[Bundle, NDArray[np.bool_], NDArray[np.float64]]:
     """Return the bundle of all photos without points, which are posed, and where the tags' corners should be."""
-    _, lens_of = lens_groups(photos)
     placed = layout.corners()
     numbers = {number: at for at, number in enumerate(sorted(placed))}
     which, pixels = [], []
@@ -238,6 +238,20 @@ def _start(
     return _Start(found, layout, masked, True)
 
 
+def _guesses(photos: Sequence[Photo], intrinsics: Intrinsics | None) -> list[list[Lens]]:
+    """Return the sets of lenses to begin with, one lens per size of photos.
+
+    Raises:
+        UserError: ``intrinsics.yaml`` is for photos of another size.
+    """
+    if intrinsics is not None:
+        intrinsics.check_sizes({photo.name: photo.file_size for photo in photos})
+        return [[Lens.calibrated(intrinsics.shrunk(photos[0].times))]]  # all have one size
+    return guessed_lenses(
+        lens_groups(photos)[0], {photo.size: photo.focal for photo in photos if photo.focal is not None}
+    )
+
+
 def find_cameras(
     photos: Sequence[Photo],
     seen: Mapping[str, Seen],
@@ -257,12 +271,7 @@ def find_cameras(
     """
     sizes, lens_of = lens_groups(photos)
     exif = {photo.name: photo.focal for photo in photos if photo.focal is not None}
-    if intrinsics is not None:
-        intrinsics.check_sizes({photo.name: photo.file_size for photo in photos})
-        guesses = [[Lens.calibrated(intrinsics.shrunk(photos[0].times))]]  # all have one size
-    else:
-        known = {photo.size: photo.focal for photo in photos if photo.focal is not None}
-        guesses = guessed_lenses(sizes, known)
+    guesses = _guesses(photos, intrinsics)
     sightings = {name: its.tags for name, its in seen.items()}
     start = _start(photos, sightings, layout, scene, guesses, settings.alignment)
     given, used, layout = layout, start.photos, start.layout
@@ -277,10 +286,10 @@ def find_cameras(
         matches = extract_and_match(folder, used, told, poses, settings.sparse, seed)
         if trusted is None:
             poses, lenses = _from_features(folder, used, sightings, layout, lenses, settings, seed)
-    bundle, posed, placed = _whole(used, poses, lenses, sightings, layout)
+    bundle, posed, placed = _whole(used, poses, lenses, lens_of, sightings, layout)
     found = _tracks(matches, used)
     bundle, kept, choice, dropped = _joined(bundle, found, posed, placed, used, settings.sparse)
-    dropped |= {photo.name: "shows too few tags" for photo in photos if photo not in used}
+    dropped |= {name: "shows too few tags" for name in lens_of if name not in {photo.name for photo in used}}
     check_lenses(bundle.lenses, sizes, exif, {photo.name: photo.size for photo in photos})
     views = tuple(
         PosedPhoto(photo, bundle.lenses[lens_of[photo.name]], T)
