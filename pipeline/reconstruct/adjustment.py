@@ -194,7 +194,7 @@ class _System:
     def step(self, damping: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the step of the dense parameters and of the points (points, 3)."""
         H, g, inverse = self.reduced(damping)
-        dense = -np.linalg.solve(H, g) if len(H) else np.zeros(0)
+        dense: NDArray[np.float64] = -np.asarray(np.linalg.solve(H, g), np.float64) if len(H) else np.zeros(0)
         if inverse is None:
             return dense, np.zeros((0, 3))
         return dense, -(inverse @ (self.b.reshape(-1) + self.tie.T @ dense)).reshape(-1, 3)
