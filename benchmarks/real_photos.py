@@ -111,7 +111,8 @@ def listed_corners(path: Path) -> list[np.ndarray]:
 
 def single_lines(folder: Path) -> list[str]:
     """Return how many listed tags are found in single photos, and how far their corners are from those listed."""
-    lines, found, listed, offsets = [], 0, 0, []
+    lines, found, listed = [], 0, 0
+    offsets: list[np.ndarray] = []
     for path in sorted(folder.glob("*_c.txt")):
         seen = [one.corners for one in all_tags(read_grey(path.with_suffix(".jpg")), "tag36h11")]
         own, hits = [], 0
