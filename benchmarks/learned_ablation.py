@@ -89,18 +89,18 @@ class Samples:
     states: dict[bool, Scored]  # by whether they are refined
     seconds: dict[bool, float]  # CPU s of drawing and scoring
     parameters: Parameters
-    fates: dict[tuple[bool, bool, bool, int], tuple[dict[str, Any], float]] = field(default_factory=dict)
+    rows: dict[tuple[bool, bool, bool, int], tuple[dict[str, Any], float]] = field(default_factory=dict)
     outcomes: dict[tuple[int, str], str] = field(default_factory=dict)
     trial_seconds: float = 0.0
 
-    def fate(self, refined: bool, check: bool, physics: bool, index: int) -> tuple[dict[str, Any], float]:
+    def row_of(self, refined: bool, check: bool, physics: bool, index: int) -> tuple[dict[str, Any], float]:
         """Return the merged row of a draw, and the CPU seconds of making it."""
         key = (refined, check, physics, index)
-        if key not in self.fates:
+        if key not in self.rows:
             settings = self.task.settings.model_copy(update={"check": check, "physics": physics})
             pair = checked_pair(self.task.pair, settings)
-            self.fates[key] = timed(lambda: check_sample(pair, self.states[refined], index))
-        return self.fates[key]
+            self.rows[key] = timed(lambda: check_sample(pair, self.states[refined], index))
+        return self.rows[key]
 
     def taken(self, steps: Steps, count: int) -> tuple[list[int], float]:
         """Return the first ``count`` draws that a row accepts, and the CPU seconds of finding them."""
@@ -110,7 +110,7 @@ class Samples:
         for index in order.tolist():
             if len(found) == count:
                 break
-            row, own = self.fate(steps.refine, steps.check, steps.physics, index)
+            row, own = self.row_of(steps.refine, steps.check, steps.physics, index)
             seconds += own
             found += [index] if row["rejected_by"] == "" else []
         return found, seconds
@@ -185,8 +185,8 @@ def judge_pair(samples: Samples, count: int, trials: int) -> pd.DataFrame:
         depth = np.maximum(*depths)
         contact = np.mean([own.distance for own in scored.contacts], axis=0)
         for place, index in enumerate(found):
-            row, _ = samples.fate(steps.refine, steps.check, steps.physics, index)
-            strict, _ = samples.fate(steps.refine, True, True, index)
+            row, _ = samples.row_of(steps.refine, steps.check, steps.physics, index)
+            strict, _ = samples.row_of(steps.refine, True, True, index)
             lines.append(
                 {
                     "steps": name,
@@ -253,7 +253,7 @@ def main() -> None:
         if not kept.exists():
             objects = load_prepared_object(names[0]), load_prepared_object(names[1])
             if not warm:  # imports and compiled kernels belong to no row
-                draw_samples(checkpoint, model, parameters, hand, objects, draws=1).fate(True, True, True, 0)
+                draw_samples(checkpoint, model, parameters, hand, objects, draws=1).row_of(True, True, True, 0)
                 warm = True
             begin = time.process_time()
             samples = draw_samples(checkpoint, model, parameters, hand, objects, parameters.train.sampling.draws)

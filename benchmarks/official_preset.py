@@ -142,15 +142,15 @@ def released_validation(rows: pd.DataFrame, prepared: PreparedObject, parameters
     begin = cpu_seconds()
     limits, physics = parameters.validate_, parameters.physics
     rest = limits.model_copy(update={"early_rejection": True})
-    fates = []
+    outcomes = []
     for row in rows[rows["rejected_by"] == ""].to_dict("records"):
         candidate = candidate_of(row, PLANE, load_hand(parameters.hand))
         grasp = held_grasp(prepared, candidate, limits.squeeze(candidate.style))
         holding = hold_in_gravities(physics, limits, grasp.objects, grasp.q, grasp.squeeze_q, grasp.hand)
-        fates.append(check_candidate(prepared, candidate, physics, rest, holding))
+        outcomes.append(check_candidate(prepared, candidate, physics, rest, holding))
     seconds = cpu_seconds() - begin
-    validated = sum(fate["rejected_by"] == "" for fate in fates)
-    return Validation(validated, seconds), sum(fate["contact_only_pass"] is True for fate in fates)
+    validated = sum(outcome["rejected_by"] == "" for outcome in outcomes)
+    return Validation(validated, seconds), sum(outcome["contact_only_pass"] is True for outcome in outcomes)
 
 
 def measure(prepared: PreparedObject, style: str, parameters: Parameters, ours: Parameters, chains: int) -> Figures:

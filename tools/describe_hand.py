@@ -5,25 +5,37 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from textwrap import indent
 from typing import Any
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
+from pipeline.hand.kinematics import link_poses
 from pipeline.hand.model import Hand, hand_of_file
+from pipeline.hand.moves import finger_joints
 from pipeline.hand.standard import standard_urdf
 from pipeline.hand.urdf import Urdf
 from pipeline.records.errors import UserError, one_sentence
 from pipeline.records.hands import DESCRIPTION, HANDS_FOLDER
 from pipeline.records.parameters.hand import FINGER_NAME, PALM
 from tools.finger_tree import FingerTree, finger_tree, spreading_link
-from tools.hand_guesses import Meeting, groups, inner_contacts, meeting, opposing, overlapping_pairs
+from tools.hand_guesses import HELD_RADIUS, Meeting, groups, inner_contacts, meeting, opposing, overlapping_pairs
+from tools.palm_press import PalmFace, Press, Stretched, facing, palm_contacts, presser, presses, sampled, stretched
 
 DENSITY = 1000.0  # kg/m3
 SLIDING = {"stiffness": 4000.0, "damping": 100.0}  # N/m, N s/m
 LEAST_FORCE = 20.0  # N, of a sliding joint whose URDF says nothing
+OPEN = 0.06  # m, radius of the ball about which fingertips are before they pinch
+SMALLER = (HELD_RADIUS, 0.028, 0.021)  # m, of balls about which pinching fingers hold
+# How initial hands are tilted: fingers that stand about the palm, and parallel fingers that point forward, as the
+# Allegro's do.
+ABOUT = {"axis": [0.0, 0.0, -1.0], "low": [-0.3, -0.3, -1.0], "high": [0.3, 0.3, -0.6]}
+FORWARD = {"axis": [1.0, 0.0, 0.0], "low": [0.3, -0.5, -0.3], "high": [1.0, 0.5, 0.3]}
 DECIMALS = 5  # of metres and radians: the tolerance of contacts is 0.5 mm
 
 
@@ -63,7 +75,7 @@ def first_description(source: Path, title: str, place: dict[str, Any]) -> tuple[
             "pinch": {
                 "fingers": list(tree.fingers),
                 "orientation": np.eye(3).tolist(),
-                "tilt": {"axis": [0.0, 0.0, -1.0], "low": [-0.3, -0.3, -1.0], "high": [0.3, 0.3, -0.6]},
+                "tilt": ABOUT,
                 "posture": [0.0] * len(tree.joints),
             }
         },
@@ -73,28 +85,115 @@ def first_description(source: Path, title: str, place: dict[str, Any]) -> tuple[
     return content, tree, urdf
 
 
-def looking_down(normal: np.ndarray) -> np.ndarray:
-    """Return the rotation (3, 3) that turns a unit vector of the hand to -z of the object, by rows."""
-    side = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
-    side /= np.linalg.norm(side)
-    return np.stack([side, np.cross(-normal, side), -normal])
+def looking_down(normal: NDArray[np.float64], along: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """Return the rotation R_object_hand (3, 3), by rows, that turns the palm's normal to -z of the object.
+
+    Args:
+        along: (3,) unit, what turns to +x; None: anything.
+    """
+    if along is None:
+        along = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+    along = along - (along @ normal) * normal
+    along /= np.linalg.norm(along)
+    return np.stack([along, np.cross(-normal, along), -normal])
 
 
-def completed(content: dict[str, Any], hand: Hand, found: Meeting) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Guesses:
+    """What the kinematics say."""
+
+    found: Meeting
+    open_q: NDArray[np.float64]  # (J,) rad, tips about a ball that is larger than what is to be grasped
+    opposing: list[str]
+    straight: Mapping[str, Stretched]
+    face: PalmFace
+    press: Press | None  # of the finger that is left to press against the palm
+
+
+def guessed(hand: Hand) -> Guesses:
+    """Return what the kinematics of a hand say."""
+    q = sampled(hand)
+    straight = stretched(hand, q)
+    opposed = opposing(meeting(hand), {finger: own.way for finger, own in straight.items()})
+    found = meeting(hand, opposed)
+    face = facing(hand, found, straight, opposed)
+    able = presses(hand, face, q)
+    name = presser(hand, able, opposed)
+    return Guesses(found, meeting(hand, opposed, OPEN).q, opposed, straight, face, able[name] if name else None)
+
+
+def _holding(hand: Hand, guesses: Guesses) -> dict[str, Any]:
+    """Return the spread of postures in which each finger holds something, by finger."""
+    found, press = {}, guesses.press
+    meetings = [meeting(hand, guesses.opposing, radius).q for radius in SMALLER]
+    for finger in guesses.straight:
+        joints = finger_joints([finger], hand)
+        if press is not None and finger == press.finger:
+            found[finger] = {"first": _numbers(press.first), "bent": _numbers(press.bent)}
+        elif len(joints) > 1:
+            found[finger] = {
+                "first": sorted({_numbers(q[joints[0]]) for q in meetings}),
+                "bent": [_numbers(q[joints[1:]]) for q in meetings],
+            }
+    return found
+
+
+def _lying(hand: Hand, press: Press, face: PalmFace, along: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotation R_object_hand (3, 3) of a hand on its side: palm to +y, the pressing finger below."""
+    T = link_poses(hand, ((hand.lower + hand.upper) / 2)[None])[0]
+    base = {finger: T[hand.link(links[0]), :3, 3] for finger, links in hand.finger_links.items() if finger != PALM}
+    up = np.cross(along, face.normal)
+    above = np.mean([place for finger, place in base.items() if finger != press.finger], axis=0) - base[press.finger]
+    sign = 1.0 if up @ above >= 0 else -1.0
+    return np.stack([sign * along, face.normal, sign * up])
+
+
+def _styles(content: dict[str, Any], hand: Hand, guesses: Guesses) -> dict[str, Any]:
+    """Return where the search for grasps starts, by style."""
+    press, face = guesses.press, guesses.face
+    others = [finger for finger in guesses.straight if press is None or finger != press.finger]
+    pinch = content["styles"]["pinch"] | {
+        "fingers": others,
+        "orientation": _numbers(looking_down(face.normal, face.along)),
+        "tilt": ABOUT if face.along is None else FORWARD,
+        "posture": _numbers(guesses.open_q),
+    }
+    if press is None or face.along is None:
+        return {"pinch": pinch}
+    posture = guesses.found.q.copy()  # what pinches holds something
+    posture[finger_joints([press.finger], hand)] = press.posture
+    side = {
+        "fingers": [press.finger, PALM],
+        "orientation": _numbers(_lying(hand, press, face, face.along)),
+        "tilt": {"axis": [0.0, 0.0, 1.0], "low": [-0.5, -0.5, 0.3], "high": [0.5, 0.5, 0.8]},
+        "posture": _numbers(posture),
+        "curled_like": press.finger,
+        "held": [*others, press.finger],
+    }
+    return {"pinch": pinch | {"held": [press.finger], "waiting": [press.finger]}, "side": side}
+
+
+def completed(content: dict[str, Any], hand: Hand, guesses: Guesses) -> dict[str, Any]:
     """Return the description with what the kinematics say."""
-    normal = found.centre / np.linalg.norm(found.centre)
-    pairs = overlapping_pairs(hand)
-    pinch = content["styles"]["pinch"] | {"orientation": _numbers(looking_down(normal)), "posture": _numbers(found.q)}
+    pairs, holding = overlapping_pairs(hand), _holding(hand, guesses)
+    contacts = inner_contacts(hand, guesses.found, {finger: own.angles for finger, own in guesses.straight.items()})
+    fingers = {name: dict(own) for name, own in content["fingers"].items()}
+    for finger, own in guesses.straight.items():
+        fingers[finger] |= {"straight": _numbers(own.angles)}
+        fingers[finger] |= {"holding": holding[finger]} if finger in holding else {}
+    if guesses.press is not None:
+        contacts = palm_contacts(hand, guesses.face) | contacts
     return content | {
-        "opposing": opposing(found),
-        "palm_normal": _numbers(normal),
+        "fingers": fingers,
+        "opposing": [*guesses.opposing, *([PALM] if guesses.press is not None else [])],
+        "palm_normal": _numbers(guesses.face.normal),
         "contacts": {
             link: [{"points": _numbers(points), "normals": _numbers(normals)}]
-            for link, (points, normals) in inner_contacts(hand, found).items()
+            for link, (points, normals) in contacts.items()
         },
         "may_overlap": [list(pair) for pair in pairs],
         "never_meeting": groups(pairs),
-        "styles": {"pinch": pinch},
+        "styles": _styles(content, hand, guesses),
     }
 
 
@@ -102,14 +201,17 @@ COMMENTS = {
     "urdf": "GUESS root: the link from which the fingers spread; what comes before it (arm, wrist) is left out.",
     "joints": "Joints that move by themselves, finger by finger.",
     "drives": "GUESS: joints that slide.",
-    "fingers": "GUESS: one per end of the tree of links, named by its links; `palm` is what does not move.",
-    "opposing": "GUESS: the finger that the others face where their tips meet; empty: none.",
-    "palm_normal": "GUESS: towards where the fingertips meet.",
+    "fingers": "GUESS: one per end of the tree of links; `palm` is what does not move; straight: far out, little "
+    "turned; holding: about balls, or cylinders on the palm, of some sizes.",
+    "opposing": "GUESS: the finger that the others face where their tips meet, and the palm that a finger can press "
+    "against; empty: none.",
+    "palm_normal": "GUESS: to where the fingertips meet, across the stretched fingers unless they point there.",
     "tips": "GUESS: the last links.",
-    "contacts": "GUESS: points of the last two links that look to where the fingertips meet.",
+    "contacts": "GUESS: points of a finger's last three links that lead as it closes, and the flat of the palm.",
     "may_overlap": "Shapes that overlap in nearly all of 30 random postures.",
     "never_meeting": "The same pairs: physics leaves them out.",
-    "styles": "GUESS: the hand looks down on the object; `posture` closes the tips about a ball of 35 mm radius.",
+    "styles": "GUESS pinch: the hand looks down, and `posture` has the tips about a ball of 60 mm radius. "
+    "GUESS side: the hand lies on its side, and one finger presses a cylinder of 30 mm radius against the palm.",
 }
 
 
@@ -128,25 +230,37 @@ def text_of(content: dict[str, Any], question: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def settings_of(name: str, content: dict[str, Any], found: Meeting) -> str:
+def settings_of(name: str, content: dict[str, Any], guesses: Guesses) -> str:
     """Return `conf/hand/<name>.yaml`: which fingers hold, and how far the palm is at first."""
-    fingers = [finger for finger in content["fingers"] if finger != PALM]
-    first = content["opposing"] or fingers[:1]
+    fingers = content["styles"]["pinch"]["fingers"]
+    first = guesses.opposing or fingers[:1]
     others = [finger for finger in fingers if finger not in first]
     sets = [[*first, other] for other in others]
     sets += [[*first, one, other] for one, other in zip(others, others[1:], strict=False)]
-    if not content["opposing"] and len(others) > 1:
+    if not guesses.opposing and len(others) > 1:
         sets += [[one, other] for one, other in zip(others, others[1:], strict=False)]
-    reach = float(np.linalg.norm(found.centre))
-    pinch = {
+    pinch: dict[str, Any] = {
         "finger_sets": sets,
         "contacts": {"+".join(own): len(own) for own in sets},
-        "starts": 2,
         "keep_out_margin": None,
-        "distance_from_palm": _numbers([max(reach - 0.02, 0.01), reach + 0.04]),
-        "heading_spread": 3.1416,
     }
-    body = {"hand": name, "styles": {"pinch": ["cube", "slender_cylinder"], "side": []}, "synthesize": {"pinch": pinch}}
+    if guesses.face.along is None:
+        reach = float(guesses.found.centre @ guesses.face.normal)
+        nearest = max(reach - 0.02, 0.01)
+        pinch |= {"distance_from_palm": _numbers([nearest, nearest + 0.06]), "heading_spread": 3.1416}
+    styles: dict[str, Any] = {"pinch": ["cube", "slender_cylinder"], "side": []}
+    synthesis: dict[str, Any] = {"pinch": pinch}
+    if guesses.press is not None:
+        own = [guesses.press.finger, PALM]
+        styles["side"] = ["slender_cylinder", "soup_can"]
+        synthesis["side"] = {
+            "finger_sets": [own],
+            "contacts": {"+".join(own): 2},
+            "mount_clearance": None,
+            "keep_out_margin": None,
+            "distance_from_palm": _numbers(np.array([0.03, 0.12]) + guesses.face.height),
+        }
+    body = {"hand": name, "styles": styles, "synthesize": synthesis}
     head = f"# @package _global_\n# Proposed by `./dev describe-hand` with hands/{name}/{DESCRIPTION}.\n"
     return head + yaml.safe_dump(body, sort_keys=False, default_flow_style=None, width=118)
 
@@ -164,15 +278,15 @@ def describe(source: Path, name: str) -> tuple[str, str]:
         file = Path(folder) / DESCRIPTION
         file.write_text(yaml.safe_dump(content, sort_keys=False))
         hand = hand_of_file(file)
-    found = meeting(hand)
-    content = completed(content, hand, found)
+    guesses = guessed(hand)
+    content = completed(content, hand, guesses)
     question = ""
-    if found.miss > 0.01:
+    if guesses.found.miss > 0.01:
         question = (
-            f"the fingertips do not close about a ball of 35 mm radius ({1000 * found.miss:.0f} mm off at best); "
-            "which fingers hold objects, and how? Correct fingers, opposing and styles.pinch.posture."
+            f"the fingertips do not close about a ball of 35 mm radius ({1000 * guesses.found.miss:.0f} mm off at "
+            "best); which fingers hold objects, and how? Correct fingers, opposing and styles.pinch.posture."
         )
-    return text_of(content, question), settings_of(name, content, found)
+    return text_of(content, question), settings_of(name, content, guesses)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pipeline.hand.contacts import distance_to_shapes
 from pipeline.hand.kinematics import link_poses, points_on_links
 from pipeline.hand.model import Hand
+from pipeline.hand.moves import finger_joints
 from pipeline.hand.surface import farthest_points, hand_surface
 from pipeline.records.parameters.hand import PALM
 
@@ -23,9 +24,13 @@ BEST = 40  # of them that say where fingers meet
 EXTREME = 0.01  # m, that joints all at their limits count as being off
 CROSSED = 0.03  # m, that fingers which all reach across the middle count as being off
 HELD_RADIUS = 0.035  # m, of what fingertips are to close about
-FACING = 0.5  # cosine between a surface's normal and the way to where the fingers meet
+FACING, TIP_FACING = 0.7, 0.2  # cosine between a surface's normal and the way that it moves as its finger closes
 ALONE, TOGETHER = -0.2, 0.1  # mean cosines between fingertips, seen from there: one that opposes, those that it opposes
-TIP_CONTACTS, OTHER_CONTACTS = 14, 6
+PARALLEL, ASKEW = 0.85, 0.75  # cosines of stretched fingers with each other, and of a thumb with them
+BURIED = 0.001  # m, from another link: what is nearer touches nothing else
+CLOSING = 8  # steps from a straight finger to a closed one
+CONTACT_LINKS = 3  # last ones of a finger that may touch
+TIP_CONTACTS, OTHER_CONTACTS = 16, 8
 OVERLAPPING = 0.9  # share of postures in which shapes that overlap do so by design
 MOST_GROUPS = 32
 
@@ -58,19 +63,26 @@ def tip_points(hand: Hand) -> dict[str, tuple[int, NDArray[np.float64]]]:
     return found
 
 
-def meeting(hand: Hand) -> Meeting:
-    """Return where the fingertips meet best, among random postures."""
+def meeting(hand: Hand, opposed: Sequence[str] = (), radius: float = HELD_RADIUS) -> Meeting:
+    """Return where the fingertips close best about a ball of some radius, m, among random postures.
+
+    Args:
+        opposed: the finger that the others face, if one is known.
+    """
     tips = tip_points(hand)
     rng = np.random.Generator(np.random.PCG64(0))
     q = rng.uniform(hand.lower, hand.upper, (POSTURES, hand.joint_count))
     links, points = np.array([link for link, _ in tips.values()]), np.array([point for _, point in tips.values()])
     places = points_on_links(link_poses(hand, q), links, points)  # (n, fingers, 3)
+    alone = np.array([finger in opposed for finger in tips])
     centre = places.mean(1)
+    if 0 < alone.sum() < len(tips):
+        centre = (places[:, alone].mean(1) + places[:, ~alone].mean(1)) / 2
     away = np.linalg.norm(places - centre[:, None], axis=2)
     apart = np.min(
         [np.linalg.norm(places[:, a] - places[:, b], axis=1) for a, b in combinations(range(len(tips)), 2)], 0
     )
-    miss = np.sqrt(((away - HELD_RADIUS) ** 2).mean(1)) + np.maximum(0.015 - apart, 0.0)
+    miss = np.sqrt(((away - radius) ** 2).mean(1)) + np.maximum(0.015 - apart, 0.0)
     bent = ((2 * (q - hand.lower) / (hand.upper - hand.lower) - 1) ** 2).mean(1)
     crossed = _crossed(hand, places - centre[:, None], list(tips))
     order = np.argsort(miss + EXTREME * bent + CROSSED * crossed, kind="stable")[:BEST]
@@ -88,13 +100,22 @@ def _crossed(hand: Hand, away: NDArray[np.float64], fingers: Sequence[str]) -> N
     return ((away * (bases - bases.mean(0))).sum(2) < 0).mean(1)
 
 
-def opposing(found: Meeting) -> list[str]:
-    """Return the finger that all others face, if there is one: the thumb, where one is called so."""
+def opposing(found: Meeting, ways: Mapping[str, NDArray[np.float64]]) -> list[str]:
+    """Return the finger that all others face, if there is one: the thumb, where one is called so.
+
+    Otherwise the one that points elsewhere when all are stretched and the rest are parallel; otherwise the one that all
+    others face where the tips meet.
+
+    Args:
+        ways: by finger the way (3,), unit, that it points when stretched, hand frame.
+    """
     if "thumb" in found.directions:
         return ["thumb"]
     names, units = list(found.directions), np.array(list(found.directions.values()))
     if len(names) == 2:
         return names[:1]
+    if (odd := _odd_one(np.array([ways[name] for name in names]))) is not None:
+        return [names[odd]]
     cosines = units @ units.T
     alone = (cosines.sum(1) - 1) / (len(names) - 1)
     first = int(alone.argmin())
@@ -103,27 +124,60 @@ def opposing(found: Meeting) -> list[str]:
     return [names[first]] if alone[first] < ALONE and together > TOGETHER else []
 
 
-def inner_contacts(hand: Hand, found: Meeting) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Return contact candidates by link, points and normals (n, 3): what of the last two links looks inwards."""
+def _odd_one(units: NDArray[np.float64]) -> int | None:
+    """Return which of some unit vectors (n, 3) is not parallel to the rest, which are parallel."""
+    cosines = units @ units.T
+    for index in range(len(units)):
+        rest = [other for other in range(len(units)) if other != index]
+        if cosines[np.ix_(rest, rest)].min() > PARALLEL and cosines[index, rest].max() < ASKEW:
+            return index
+    return None
+
+
+def inner_contacts(
+    hand: Hand, found: Meeting, straight: Mapping[str, NDArray[np.float64]]
+) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Return contact candidates by link, points and normals (n, 3): what of a finger's last links leads as it closes.
+
+    Args:
+        straight: by finger the angles (j,) of its joints, rad, from which it closes.
+    """
     owner, local = hand_surface(4000, hand)
-    T = link_poses(hand, found.q[None])[0]
     contacts = {}
     for finger, names in hand.finger_links.items():
-        for name in names[-2:] if finger != PALM else ():
-            link = hand.link(name)
+        if finger == PALM:
+            continue
+        joints = finger_joints([finger], hand)
+        q = np.repeat(found.q[None], CLOSING + 1, axis=0)
+        q[:, joints] = np.linspace(straight[finger], found.q[joints], CLOSING + 1)
+        T = link_poses(hand, q)
+        for name in names[-CONTACT_LINKS:]:
+            link, last = hand.link(name), name == names[-1]
             points = local[owner == link]
-            normals = _normals(hand, link, points)
-            world = points @ T[link, :3, :3].T + T[link, :3, 3]
-            inward = found.centre - world
-            inward /= np.linalg.norm(inward, axis=1, keepdims=True)
-            facing = ((normals @ T[link, :3, :3].T) * inward).sum(1) > FACING
-            exposed = np.abs(_distance(hand, link, points)) < 1e-6
-            chosen = np.flatnonzero(facing & exposed)
-            count = min(len(chosen), TIP_CONTACTS if name == names[-1] else OTHER_CONTACTS)
+            places = points @ np.swapaxes(T[:, link, :3, :3], 1, 2) + T[:, link, None, :3, 3]
+            leading = _unit((np.diff(places, axis=0) @ T[1:, link, :3, :3]).mean(0))  # link frame
+            normals = outward_normals(hand, link, points)
+            facing = (normals * leading).sum(1) > (TIP_FACING if last else FACING)
+            chosen = np.flatnonzero(facing & exposed(hand, link, points, found.q))
+            count = min(len(chosen), TIP_CONTACTS if last else OTHER_CONTACTS)
             if count:
                 chosen = chosen[farthest_points(points[chosen], count)]
                 contacts[name] = points[chosen], normals[chosen]
     return contacts
+
+
+def exposed(hand: Hand, link: int, points: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which points (n, 3) on a link's shapes, link frame, are on its surface and in no other link at q (J,)."""
+    T = link_poses(hand, q[None])[0]
+    free = np.abs(distance_to_link(hand, link, points)) < 1e-6
+    world = points @ T[link, :3, :3].T + T[link, :3, 3]
+    for other in sorted({*hand.box_link.tolist(), *hand.sphere_link.tolist()} - {link}):
+        free &= distance_to_link(hand, other, (world - T[other, :3, 3]) @ T[other, :3, :3]) > BURIED
+    return free
+
+
+def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
 
 
 def _shapes_of(hand: Hand, link: int):  # type: ignore[no-untyped-def]  # noqa: ANN202
@@ -138,13 +192,17 @@ def _shapes_of(hand: Hand, link: int):  # type: ignore[no-untyped-def]  # noqa: 
     return boxes, balls
 
 
-def _distance(hand: Hand, link: int, points: NDArray[np.float64]) -> NDArray[np.float64]:
+def distance_to_link(hand: Hand, link: int, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the distances (n,), m, of points (n, 3) in a link's frame from its shapes, negative inside."""
     return distance_to_shapes(points, *_shapes_of(hand, link))
 
 
-def _normals(hand: Hand, link: int, points: NDArray[np.float64]) -> NDArray[np.float64]:
+def outward_normals(hand: Hand, link: int, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return unit vectors (n, 3) in which points (n, 3) on a link's shapes look, link frame."""
     step = 1e-6 * np.eye(3)
-    slopes = np.stack([_distance(hand, link, points + d) - _distance(hand, link, points - d) for d in step], axis=1)
+    slopes = np.stack(
+        [distance_to_link(hand, link, points + d) - distance_to_link(hand, link, points - d) for d in step], axis=1
+    )
     return slopes / np.maximum(np.linalg.norm(slopes, axis=1, keepdims=True), 1e-12)
 
 
@@ -163,7 +221,7 @@ def overlapping_pairs(hand: Hand) -> list[tuple[str, str]]:
         for link, against in ((one, other), (other, one)):
             points = world[:, owner == link] - T[:, against, None, :3, 3]
             inside = np.einsum("bji,bnj->bni", T[:, against, :3, :3], points)
-            flat = _distance(hand, against, inside.reshape(-1, 3)).reshape(len(q), -1)
+            flat = distance_to_link(hand, against, inside.reshape(-1, 3)).reshape(len(q), -1)
             touching |= (flat < 0).any(1)
         if touching.mean() >= OVERLAPPING:
             found.append((hand.link_names[one], hand.link_names[other]))

@@ -186,7 +186,7 @@ class Run:
         return _known(self.scene.robot.link_pose(self.scene.hand.link_names[0]))
 
     def measured_posture(self) -> Posture:
-        """Where the arm is told to be, and where the hand's joints are measured."""
+        """Commanded joints of the arm, and where the hand's joints are measured."""
         q, arm = self.scene.robot.q, len(self.posture.arm)
         errors = 0.0 if self.disturbance is None else self.disturbance.joint_errors
         return Posture(self.posture.arm, (q + errors)[arm:])

@@ -103,7 +103,7 @@ def _joints_from(grasp: SequenceGrasp, pick: int) -> NDArray[np.int64]:
 
 
 def rest_phase(name: str, start: Posture, seconds: float, settings: EvaluateParameters) -> Phase:
-    """Return a phase in which nothing is told to move."""
+    """Return a phase in which all targets stay as they are."""
     script = _Script(start, settings)
     script.rest_for(seconds)
     script.end_phase(name)

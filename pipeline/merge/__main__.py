@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +28,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from pipeline.compute.pool import Work
+    from pipeline.hand.model import Hand
+    from pipeline.merge.search import Inputs
     from pipeline.pairing.grasps import SingleGrasp
+    from pipeline.records.objects import PreparedObject
 
 # Sequences with one first object that are searched side by side: a worker holds their objects.
 SIDE_BY_SIDE = 8
@@ -46,20 +49,16 @@ def merge(only: str) -> None:
         UserError: an input is missing or damaged, or ``styles.pinch`` does not name the object.
     """
     parameters, workers = load_with_workers(sections())
-    sequences, seed, picks = chosen_sequences(parameters, only), parameters["seed"], parameters["picks"]
+    sequences, picks = chosen_sequences(parameters, only), parameters["picks"]
     styles = [pick.style for pick in picks]
 
-    def inputs_digest(key: str) -> str:
-        return digest([_digest(*each) for each in zip(styles, key.split("/"), strict=True)])
-
-    digests, refused = fingerprints_of(["/".join(names) for names in sequences], inputs_digest)
+    digests, refused = fingerprints_of(["/".join(names) for names in sequences], partial(_inputs_digest, styles))
     if only and refused:
         raise UserError(next(iter(refused.values())))
     from pipeline.hand.model import load_hand
-    from pipeline.merge.search import Inputs, merging, summary
+    from pipeline.merge.search import merging, summary
     from pipeline.pairing.grasps import distinct_grasps, validated_grasps
-    from pipeline.pairing.task import groups_of, task_of
-    from pipeline.robustness.measures import measuring
+    from pipeline.pairing.task import groups_of
 
     settings = parameters["merge"]
     hand = load_hand(ALLEGRO)
@@ -74,30 +73,15 @@ def merge(only: str) -> None:
 
     def work(keys: Sequence[str], keep: Keep) -> Work[None]:
         objects = {name: load_prepared_object(name) for name in {name for key in keys for name in key.split("/")}}
-
-        def inputs(key: str) -> Inputs:
-            names = key.split("/")
-            return Inputs(
-                task_of(
-                    hand,
-                    picks,
-                    [objects[name] for name in names],
-                    settings,
-                    parameters["physics"],
-                    parameters["validate"],
-                    measuring(parameters["robustness"], seed, *names),
-                ),
-                tuple(grasps(number, name) for number, name in enumerate(names)),
-                item_generator(seed, "merge", *names),
-            )
+        inputs = {key: _inputs(hand, parameters, [objects[name] for name in key.split("/")], grasps) for key in keys}
 
         def finish(key: str, table: pd.DataFrame) -> None:
             keep(key, tables.rows(table))
             print(f"{key.replace('/', ' then ')}: {summary(table)}")
-            counts = [len(grasps(number, name)) for number, name in enumerate(key.split("/"))]
+            counts = [len(own) for own in inputs[key].grasps]
             _warn(key, table, settings.grasps_per_pair, list(zip(styles, counts, strict=True)))
 
-        yield from merging({key: inputs(key) for key in keys}, finish)
+        yield from merging(inputs, finish)
 
     def begin(keys: Sequence[str], keep: Keep) -> list[tuple[str, Any]]:
         wanted = set(keys)
@@ -110,6 +94,36 @@ def merge(only: str) -> None:
     del parameters["styles"], parameters["pairs"]
     common = digest(own_fingerprint("merge"), parameters, hand_digest(hand.name))
     make_items(stage, {key: digest(common, key, own) for key, own in digests.items()}, begin, workers, refused)
+
+
+def _inputs(
+    hand: Hand,
+    parameters: dict[str, Any],
+    objects: Sequence[PreparedObject],
+    grasps: Callable[[int, str], Sequence[SingleGrasp]],
+) -> Inputs:
+    """Return what is searched for some objects, in the order of picking.
+
+    Args:
+        grasps: returns the distinct validated grasps of the object with a number in that order, and a name.
+    """
+    from pipeline.merge.search import Inputs
+    from pipeline.pairing.task import task_of
+    from pipeline.robustness.measures import measuring
+
+    names, seed = [item.name for item in objects], parameters["seed"]
+    task = task_of(
+        hand,
+        parameters["picks"],
+        objects,
+        parameters["merge"],
+        parameters["physics"],
+        parameters["validate"],
+        measuring(parameters["robustness"], seed, *names),
+    )
+    return Inputs(
+        task, tuple(grasps(number, name) for number, name in enumerate(names)), item_generator(seed, "merge", *names)
+    )
 
 
 def _side_by_side(sequences: Sequence[tuple[str, ...]]) -> Iterator[list[str]]:
@@ -138,8 +152,14 @@ def _warn(key: str, table: pd.DataFrame, wanted: int, counts: Sequence[tuple[str
         )
 
 
-def _digest(style: str, name: str) -> str:
-    return digest(prepared_digest(name), file_digest(paths.validated_file(style, name), f"validate@{style}"))
+def _inputs_digest(styles: Sequence[str], key: str) -> str:
+    """Return a digest of the objects of a sequence and of their grasps."""
+    return digest(
+        [
+            digest(prepared_digest(name), file_digest(paths.validated_file(style, name), f"validate@{style}"))
+            for style, name in zip(styles, key.split("/"), strict=True)
+        ]
+    )
 
 
 def main() -> int:

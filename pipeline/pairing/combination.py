@@ -38,7 +38,7 @@ from pipeline.records.parameters.hand import PALM
 from pipeline.records.poses import position_quaternion
 from pipeline.records.tables import MARGINS, MERGED
 from pipeline.robustness.contacts import GraspInHand, Grip
-from pipeline.robustness.measures import Measuring, margin_columns, physics_columns
+from pipeline.robustness.measures import margin_columns, physics_columns
 
 Finding = tuple[dict[str, Any], MergeReason | None]
 
@@ -207,14 +207,16 @@ def settled_grasp(tried: Attempt) -> HeldGrasp:
     return HeldGrasp(tuple(held_objects(tried, grasp.T_hand_held)), grasp.held_q, grasp.squeeze_q, tried.task.hand)
 
 
-def measures(tried: Attempt, measuring: Measuring) -> dict[str, Any]:
+def measured(tried: Attempt) -> dict[str, Any]:
     """Return the measures of a grasp that passed all checks, those in physics where it was tested there."""
     task, planned = tried.task, planned_grasp(tried)
-    margins = margin_columns(planned, task.physics, measuring.settings)
+    if task.measuring is None:
+        return {}
+    margins = margin_columns(planned, task.physics, task.measuring.settings)
     columns: dict[str, Any] = {f"{name}s": [own[name] for own in margins] for name in MARGINS.names}
     if not task.merge.physics_test:
         return columns
-    return columns | physics_columns(planned, settled_grasp(tried), measuring, task.physics, task.validate)
+    return columns | physics_columns(planned, settled_grasp(tried), task.measuring, task.physics, task.validate)
 
 
 CHECKS: tuple[Callable[[Attempt], Finding], ...] = (
@@ -231,22 +233,29 @@ CHECKS: tuple[Callable[[Attempt], Finding], ...] = (
 
 
 def check_combination(task: Task, ready: Sequence[Settled]) -> dict[str, Any]:
-    """Join grasps, check them, and return the row: all columns of ``MERGED`` but ``merged_id``.
-
-    ``rejected_by`` is the reason of the first check that failed, '' when all passed. Columns of checks that were not
-    reached are None or empty lists.
+    """Join grasps, check and measure them, and return the row: all columns of ``MERGED`` but ``merged_id``.
 
     Args:
         ready: one grasp per object, see :func:`pipeline.pairing.readiness.ready`.
     """
     tried = combine(task, ready)
+    row = checked(tried)
+    return row if row["rejected_by"] else row | measured(tried)
+
+
+def checked(tried: Attempt) -> dict[str, Any]:
+    """Return the columns of the checks, and what the grasp is, in a row whose other columns are None.
+
+    ``rejected_by`` is the reason of the first check that failed, '' when all passed. Columns of checks that were not
+    reached are None or empty lists.
+    """
     row = dict.fromkeys(MERGED.names) | _identity(tried) | {"rejected_by": ""}
     for check in CHECKS:
         columns, reason = check(tried)
         row |= columns
         if reason is not None:
             return row | {"rejected_by": reason.value}
-    return row if task.measuring is None else row | measures(tried, task.measuring)
+    return row
 
 
 def _identity(tried: Attempt) -> dict[str, Any]:

@@ -40,7 +40,7 @@ class Body(Protocol):
 
 
 class Carrier(Body, Protocol):
-    """A box that moves as it is told and pushes aside or carries along what touches it."""
+    """A box that moves as commanded and pushes aside or carries along what touches it."""
 
     def carry_to(self, position: ArrayLike) -> None:
         """Move the unturned box to ``position`` (3,), m, world frame, during the next step.
@@ -120,7 +120,7 @@ class World(Protocol):
         ...
 
     def add_carrier(self, half_size: ArrayLike, T_world_box: ArrayLike, name: str) -> Carrier:
-        """Add a box, ``half_size`` (3,), that moves only when it is told to."""
+        """Add a box, ``half_size`` (3,), that moves only on command."""
         ...
 
 

@@ -18,6 +18,7 @@ SKY = np.array([0.93, 0.95, 0.98], np.float32)  # linear light, as all colours i
 FLOOR = np.array([0.72, 0.73, 0.75], np.float32)
 AMBIENT = 0.42
 KEY = 0.78
+GLOSS = 0.08  # of bodies
 LIGHT_SPREAD = 0.07  # radius of the light, as a slope: the softness of shadows
 LIGHT_TILE = 4  # pixels; every pixel of a tile looks at other points of the light
 SUBSAMPLES = ((0.375, 0.125), (0.875, 0.375), (0.125, 0.625), (0.625, 0.875))  # rotated 2 x 2 grid
@@ -147,8 +148,16 @@ def _sample(
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     normals *= np.where((normals * rays[seen]).sum(axis=1, keepdims=True) > 0.2, -1, 1)
     points = origin + rays[seen] * distance[seen, None]
-    picture[seen] = _shaded(scene, points, normals, scene.colours[body[seen]], rays[seen], light[seen], 0.08)
+    picture[seen] = _shaded(scene, points, normals, scene.colours[body[seen]], rays[seen], light[seen], GLOSS)
     return picture
+
+
+def key_light(camera: Camera) -> NDArray[np.float64]:
+    """Return the direction (3,) towards the key light, over the viewer's left shoulder; its length is not 1."""
+    right, _, forward = camera.axes()
+    flat = np.array([forward[0], forward[1], 0.0])
+    flat /= max(float(np.linalg.norm(flat)), 1e-9)
+    return -0.45 * flat - 0.55 * right + np.array([0.0, 0.0, 1.0])
 
 
 def _light_directions(camera: Camera, width: int, height: int, subsample: int) -> NDArray[np.float32]:
@@ -156,10 +165,7 @@ def _light_directions(camera: Camera, width: int, height: int, subsample: int) -
 
     The points of a tile of pixels and its subsamples lie on a sunflower spiral, so that together they cover the light.
     """
-    right, _, forward = camera.axes()
-    flat = np.array([forward[0], forward[1], 0.0])
-    flat /= max(float(np.linalg.norm(flat)), 1e-9)
-    key = -0.45 * flat - 0.55 * right + np.array([0.0, 0.0, 1.0])
+    key = key_light(camera)
     side = np.cross(key, [0.0, 0.0, 1.0])
     side /= np.linalg.norm(side)
     over = np.cross(side, key / np.linalg.norm(key))

@@ -123,8 +123,8 @@ def plan(choice: Choice, places: Places, output: Path, dry_run: bool, fr3: bool 
     write_json(output / "playback.json", {name: outcome[name] for name in kept})
     with whole_file(output / "playback.png") as temporary:
         temporary.write_bytes(png_bytes(playback_strip(hand, table, outcome, settings)))
-    told = "both objects were lifted and held" if outcome["success"] else f"ended early: {outcome['reason']}"
-    print(f"dry run in simulation: {told}; wrote playback.json and playback.png to {output}")
+    result = "both objects were lifted and held" if outcome["success"] else f"ended early: {outcome['reason']}"
+    print(f"dry run in simulation: {result}; wrote playback.json and playback.png to {output}")
     return bool(outcome["success"])
 
 

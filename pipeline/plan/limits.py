@@ -152,20 +152,20 @@ def _arm_checks(waypoints: Waypoints) -> list[Check]:
     """Return the checks of the arm, between way-points too.
 
     Between way-points an arm goes as its controller interpolates. What is checked is the cubic spline with continuous
-    acceleration through all positions, at rest at both ends, every millisecond; besides that, the velocities told at
+    acceleration through all positions, at rest at both ends, every millisecond; besides that, the target velocities at
     the way-points, and their difference quotients.
     """
-    times, told = waypoints.times, waypoints.arm_velocity
+    times, velocity = waypoints.times, waypoints.arm_velocity
     step = float(times[1] - times[0])
     spline = CubicSpline(times, waypoints.q[:, :7], bc_type="clamped")
     moments = np.minimum(ARM_PERIOD * np.arange(round(times[-1] / ARM_PERIOD) + 1), times[-1])
-    acceleration = np.diff(told, axis=0) / step
+    acceleration = np.diff(velocity, axis=0) / step
     jerk = np.diff(acceleration, axis=0, prepend=np.zeros((1, 7))) / step
     position = Limit("arm position", "rad", ARM_LOWER, ARM_UPPER, ARM_JOINT_NAMES, ARM_SOURCE)
     checks = [worst_use(position, spline(moments), moments, waypoints)]
     for order, (name, unit, bound, quotients) in enumerate(
         (
-            ("velocity", "rad/s", ARM_VELOCITY, told[1:]),
+            ("velocity", "rad/s", ARM_VELOCITY, velocity[1:]),
             ("acceleration", "rad/s2", ARM_ACCELERATION, acceleration),
             ("jerk", "rad/s3", ARM_JERK, jerk),
         ),

@@ -25,8 +25,8 @@ _VECTOR = pa.list_(pa.float64())  # or null, where a check was not reached
 
 
 def _part(name: str, source: str, place: int, kind: pa.DataType, description: str = "") -> pa.Field:
-    told = {b"description": description.encode()} if description else {}
-    return pa.field(name, kind, metadata={**told, _LIST: source.encode(), _PLACE: str(place).encode()})
+    annotation = {b"description": description.encode()} if description else {}
+    return pa.field(name, kind, metadata={**annotation, _LIST: source.encode(), _PLACE: str(place).encode()})
 
 
 def _vector(length: int) -> pa.DataType:

@@ -53,15 +53,15 @@ def replay(name: TrialName) -> tuple[Recording, int]:
     recorder = Recorder()
     inputs, row, differing = run_again(name, load_hand(ALLEGRO), recorder)
     outcome = "success" if row["success"] else f"failed: {row['reason']}"
-    told = "the same outcome, to the last bit, as in" if not differing else "ANOTHER outcome than in"
-    print(f"{name}: {told} {name.table} ({outcome}, {row['steps']} steps of physics)")
+    verdict = "the same outcome, to the last bit, as in" if not differing else "ANOTHER outcome than in"
+    print(f"{name}: {verdict} {name.table} ({outcome}, {row['steps']} steps of physics)")
     if differing:
         print(
             f"columns that differ: {', '.join(differing)}; `dvc status {name.stage}` says what has changed since the "
             "table was made"
         )
     objects = tuple(item.name for item in inputs.objects)
-    shown = outcome if not differing else f"{outcome} (the table tells another outcome)"
+    shown = outcome if not differing else f"{outcome} (the table holds another outcome)"
     recording = recorder.recording(About(str(name), objects, shown, inputs.settings.sponge_height))
     target = recording_file(name)
     write_recording(target, recording)
@@ -89,10 +89,8 @@ def show(recording: Recording, how: Showing) -> None:
     """Write the video, or play in a browser."""
     hand = load_hand(ALLEGRO)
     if how.video:
-        workers = read_parameters().compute.workers
-        count, renderer = write_video(how.video, recording, hand, how.film, how.renderer, workers)
-        by = "SAPIEN" if renderer == "sapien" else "ray casting"
-        print(f"{how.video}: {count} pictures, {how.film.rate:g} per second, drawn by {by}")
+        count = write_video(how.video, recording, hand, how.film, how.renderer)
+        print(f"{how.video}: {count} pictures, {how.film.rate:g} per second")
     if how.view:
         from pipeline.replay.viewer import Viewer
 
@@ -139,8 +137,8 @@ def command_line() -> argparse.ArgumentParser:
     parser.add_argument(
         "--renderer",
         choices=RENDERERS,
-        default="auto",
-        help="of the video; auto: SAPIEN's where it finds a Vulkan driver, else ray casting (default: %(default)s)",
+        default=RENDERERS[0],
+        help="of the video; sapien needs a Vulkan driver (default: %(default)s)",
     )
     parser.add_argument("--no-view", action="store_true", help="do not play: only compare and record")
     parser.add_argument("--port", type=int, default=8080, help="to play on; the next free one (default: %(default)s)")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -60,11 +59,6 @@ def moving_poses(recording: Recording, hand: Hand, moment: int) -> list[NDArray[
     """Return ``T_world`` (4, 4) of all that moves; an object that physics has lost stays where it was last seen."""
     robot = [body.T_world for body in robot_bodies(recording.robot_q[moment], hand)]
     return [*robot, *(_last_known(poses[: moment + 1]) for poses in recording.poses)]
-
-
-def bodies_at(looks: Appearance, poses: Sequence[NDArray[np.float64]]) -> list[Body]:
-    """Return robot, objects and sponge at :func:`moving_poses`, without the table."""
-    return [*(body.placed(T) for body, T in zip(looks.moving, poses, strict=True)), looks.sponge]
 
 
 def _last_known(poses: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -42,7 +42,7 @@ class TrialName:
         return "/".join([self.source, *self.objects, str(self.number)])
 
     @property
-    def told(self) -> str:
+    def objects_in_words(self) -> str:
         """The objects in a sentence."""
         return " and ".join(self.objects)
 
@@ -91,7 +91,7 @@ def recorded_row(name: TrialName) -> dict[str, Any]:
     same = rows_of(rows, name.objects)
     if same.empty:
         known = ", ".join(dict.fromkeys("/".join(list(objects)[1:]) for objects in rows["objects"]))
-        raise UserError(f"{name.table} has no trials of {name.told}; its second objects are {known}.")
+        raise UserError(f"{name.table} has no trials of {name.objects_in_words}; its second objects are {known}.")
     own = same[same["trial"] == name.number]
     if own.empty:
         numbers = f"{same['trial'].min()} to {same['trial'].max()}"
@@ -135,7 +135,7 @@ def input_of_trial(name: TrialName, recorded: Mapping[str, Any], hand: Hand) -> 
 
 def _inputs_of(name: TrialName, hand: Hand) -> Sequence[TrialInput]:
     """Return the inputs of all trials of the same table with the same objects, as params.yaml is now."""
-    gone = UserError(f"params.yaml does not name the pair {name.told} any more; add it again.")
+    gone = UserError(f"params.yaml does not name the pair {name.objects_in_words} any more; add it again.")
     if name.series is None:
         parameters = load_parameters(inputs.sections(name.source))
         if name.objects not in inputs.sequences_of(name.source, parameters):
@@ -173,7 +173,7 @@ def differing_columns(recorded: Mapping[str, Any], row: Mapping[str, Any]) -> li
 
 
 def _exact(value: Any, column: str) -> Any:
-    """Return a value as the table holds it, with floats as text that tells all their bits."""
+    """Return a value as the table holds it, with floats as text that shows all their bits."""
     return _with_all_bits(pa.array([value], type=TRIALS.field(column).type, from_pandas=True).to_pylist()[0])
 
 

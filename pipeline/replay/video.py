@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import imageio_ffmpeg
@@ -14,24 +12,23 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageFont
 
-from pipeline.compute.fan_out import fan_out
 from pipeline.compute.progress import watched
-from pipeline.compute.shared import Shared
 from pipeline.hand.model import Hand
 from pipeline.pictures.camera import look_at
 from pipeline.pictures.picture import CAPTION_HEIGHT, TEXT_SIZE, captioned
-from pipeline.pictures.render import render
 from pipeline.records.errors import UserError
 from pipeline.records.writing import check_writable, whole_file
-from pipeline.replay.appearance import Appearance, appearance, bodies_at, moving_poses
+from pipeline.replay.appearance import Appearance, appearance, moving_poses
 from pipeline.replay.recording import About, Recording
 
 FORMATS = (".mp4", ".gif")
-RENDERERS = ("auto", "rays", "sapien")
+RENDERERS = ("raster", "sapien")
 CAMERA_POSITION, CAMERA_TARGET, CAMERA_DEGREES = (1.70, -1.00, 0.80), (0.33, -0.03, 0.335), 29.0
+REACH = ((0.35, 0.0, 0.4), 0.95)  # ball (centre and radius, m) in which robot and objects cast shadows
 LAST_SECONDS = 1.0  # for which the last picture stays, with the outcome below it
 STILL = 5e-4  # rad and m; between moments that differ by less, no new picture is drawn
 QUALITY = 20  # of x264: constant rate factor; 0 is lossless, 51 the worst
+ENCODER = ("-preset", "veryfast", "-threads", "1")  # a third of the default's cost for a few kilobytes more
 
 Picture = NDArray[np.uint8]  # (height, width, 3), sRGB
 Poses = list[NDArray[np.float64]]  # see appearance.moving_poses
@@ -63,55 +60,61 @@ def drawn_moments(recording: Recording, shown: NDArray[np.int64]) -> NDArray[np.
     return np.array(serving, np.int64)
 
 
-def write_video(
-    target: Path, recording: Recording, hand: Hand, film: Film, renderer: str, workers: int
-) -> tuple[int, str]:
-    """Write a video; return the number of its pictures, and what drew them.
+def write_video(target: Path, recording: Recording, hand: Hand, film: Film, renderer: str) -> int:
+    """Write a video; return the number of its pictures.
 
     Args:
         target: ends in .mp4 or .gif.
-        renderer: ``rays``, ``sapien``, or ``auto``: SAPIEN's where it finds a driver.
-        workers: processes that cast rays; see ``compute.fan_out``.
+        renderer: one of ``RENDERERS``.
 
     Raises:
         UserError: the file cannot be written, or the renderer cannot be used.
     """
     check_writable(target)
-    pictures, shown, chosen = _pictures(recording, hand, film, renderer, workers)
-    frames = [
-        (picture, f"{recording.time[moment]:5.2f} s   {recording.phase[moment]}")
-        for picture, moment in zip(pictures, shown.tolist(), strict=True)
-    ]
-    frames += [(frames[-1][0], last_caption(recording.about, film.width))] * max(round(LAST_SECONDS * film.rate), 1)
+    shown = shown_moments(recording.time, film.rate)
+    last = max(round(LAST_SECONDS * film.rate), 1)
+    pictures = _pictures(recording, hand, film, renderer, shown)
+
+    def frames() -> Iterator[Picture]:
+        for picture, moment in zip(pictures, shown.tolist(), strict=True):
+            yield captioned(picture, f"{recording.time[moment]:5.2f} s   {recording.phase[moment]}")
+        yield from [captioned(picture, last_caption(recording.about, film.width))] * last
+
     write = _write_gif if target.suffix == ".gif" else _write_mp4
+    count = len(shown) + last
     with whole_file(target) as temporary:
-        write(temporary, watched(map(_frame, frames), len(frames), f"writing {target.name}"), film)
-    return len(frames), chosen
+        write(temporary, watched(frames(), count, f"drawing {target.name}"), film)
+    return count
 
 
-def write_film(target: Path, recordings: Sequence[Recording], hand: Hand, film: Film, workers: int) -> None:
+def write_film(target: Path, recordings: Sequence[Recording], hand: Hand, film: Film) -> None:
     """Write an mp4 of recordings one after the other, a picture per shown moment, without captions.
 
     Every picture can be found by its time alone: picture k is shown from k / rate on, and few depend on each other.
     """
-    frames = [png for recording in recordings for png in _pictures(recording, hand, film, "rays", workers)[0]]
+    pictures = (
+        picture
+        for recording in recordings
+        for picture in _pictures(recording, hand, film, "raster", shown_moments(recording.time, film.rate))
+    )
     with whole_file(target) as temporary:
-        _write_mp4(temporary, (_decoded(png) for png in frames), film, film.height, ("-g", "2"))
+        _write_mp4(temporary, pictures, film, film.height, ("-g", "2"))
 
 
 def _pictures(
-    recording: Recording, hand: Hand, film: Film, renderer: str, workers: int
-) -> tuple[list[bytes], NDArray[np.int64], str]:
-    """Return a PNG per shown moment, the moments, and what drew them."""
-    shown = shown_moments(recording.time, film.rate)
-    serving = drawn_moments(recording, shown)
-    looks = appearance(recording, hand)
-    distinct = list(dict.fromkeys(serving.tolist()))
-    chosen = _choose(renderer)
-    draw = _draw_with_sapien if chosen == "sapien" else _draw_with_rays
-    drawn = draw(looks, [moving_poses(recording, hand, moment) for moment in distinct], film, workers)
-    pictures = dict(zip(distinct, drawn, strict=True))
-    return [pictures[served] for served in serving.tolist()], shown, chosen
+    recording: Recording, hand: Hand, film: Film, renderer: str, shown: NDArray[np.int64]
+) -> Iterator[Picture]:
+    """Yield a picture per shown moment; a moment at which nothing has moved gets the last one again.
+
+    Raises:
+        UserError: the renderer cannot be used.
+    """
+    draw = (_sapien if renderer == "sapien" else _raster)(appearance(recording, hand), film)
+    drawn = -1
+    for serving in drawn_moments(recording, shown).tolist():
+        if serving != drawn:
+            picture, drawn = draw(moving_poses(recording, hand, serving)), serving
+        yield picture
 
 
 def last_caption(about: About, width: int) -> str:
@@ -120,53 +123,22 @@ def last_caption(about: About, width: int) -> str:
     return text if ImageFont.load_default(size=TEXT_SIZE).getlength(text) <= width - 16 else about.outcome
 
 
-def _choose(renderer: str) -> str:
-    if renderer == "rays":
-        return "rays"
-    from pipeline.replay.sapien_camera import why_unusable
+def _raster(looks: Appearance, film: Film) -> Callable[[Poses], Picture]:
+    from pipeline.pictures.raster import Raster
+
+    camera = look_at(CAMERA_POSITION, CAMERA_TARGET, CAMERA_DEGREES)
+    raster = Raster([*looks.moving, looks.sponge], camera, film.width, film.height, 0.0, REACH)
+    return lambda poses: raster.picture([*poses, looks.sponge.T_world])
+
+
+def _sapien(looks: Appearance, film: Film) -> Callable[[Poses], Picture]:
+    from pipeline.replay.sapien_camera import SapienCamera, why_unusable
 
     reason = why_unusable()
-    if reason and renderer == "sapien":
-        raise UserError(f"SAPIEN's renderer cannot be used ({reason}); take `--renderer rays`.")
-    return "rays" if reason else "sapien"
-
-
-def _draw_with_sapien(looks: Appearance, moments: Sequence[Poses], film: Film, workers: int) -> list[bytes]:
-    """Return PNGs of moments, drawn in this process whatever ``workers`` is."""
-    from pipeline.replay.sapien_camera import SapienCamera
-
-    camera = SapienCamera(looks, film.width, film.height, (CAMERA_POSITION, CAMERA_TARGET, CAMERA_DEGREES))
-    return [_png(camera.picture(poses)) for poses in watched(moments, len(moments), "drawing with SAPIEN")]
-
-
-def _draw_with_rays(looks: Appearance, moments: Sequence[Poses], film: Film, workers: int) -> list[bytes]:
-    """Return PNGs of moments."""
-    with Shared((looks, film)) as shared:
-        return fan_out(partial(_ray_cast, shared), moments, workers, "drawing")
-
-
-def _ray_cast(shared: Shared[tuple[Appearance, Film]], poses: Poses) -> bytes:
-    """Return a PNG of one moment."""
-    looks, film = shared.value
-    camera = look_at(CAMERA_POSITION, CAMERA_TARGET, CAMERA_DEGREES)
-    return _png(render(bodies_at(looks, poses), camera, film.width, film.height, floor=0.0))
-
-
-def _png(picture: Picture) -> bytes:
-
-    buffer = io.BytesIO()
-    Image.fromarray(picture).save(buffer, format="PNG", compress_level=1)
-    return buffer.getvalue()
-
-
-def _frame(content: tuple[bytes, str]) -> Picture:
-    """Return a picture, given as PNG, with its caption."""
-    png, caption = content
-    return captioned(_decoded(png), caption)
-
-
-def _decoded(png: bytes) -> Picture:
-    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
+    if reason:
+        raise UserError(f"SAPIEN's renderer cannot be used ({reason}); leave `--renderer` out.")
+    view = (CAMERA_POSITION, CAMERA_TARGET, CAMERA_DEGREES)
+    return SapienCamera(looks, film.width, film.height, view).picture
 
 
 def _write_mp4(
@@ -185,7 +157,7 @@ def _write_mp4(
         codec="libx264",
         macro_block_size=2,
         quality=None,
-        output_params=["-f", "mp4", "-crf", str(QUALITY), "-movflags", "+faststart", *options],
+        output_params=["-f", "mp4", "-crf", str(QUALITY), "-movflags", "+faststart", *ENCODER, *options],
     )
     writer.send(None)
     with contextlib.closing(writer):

@@ -2,7 +2,7 @@
 
 Contacts push with friction, also against turning about their normal; the hand's joints bear limited torque. A margin
 is the largest load for which *some* contact forces balance it within these limits. It is an upper bound on what the
-hand bears: position drives squeeze as they are told and do not choose the forces that a load asks for, and contacts
+hand bears: position drives squeeze as commanded and do not choose the forces that a load asks for, and contacts
 may lie elsewhere than planned. In one way it is too strict: an object that may swing into a position where it is held
 counts as lost.
 """

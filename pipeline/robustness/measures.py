@@ -33,6 +33,13 @@ def measuring(settings: RobustnessParameters, run_seed: int, *names: str) -> Mea
     return Measuring(settings, draw_conditions(settings, len(names), run_seed, *names))
 
 
+def most_measured(own: Measuring | None) -> float:
+    """Return how many merged grasps of a pair are measured; none where nothing is."""
+    if own is None:
+        return 0
+    return np.inf if own.settings.merged_grasps is None else own.settings.merged_grasps
+
+
 def margin_columns(
     grasp: GraspInHand, physics: PhysicsParameters, settings: RobustnessParameters
 ) -> list[dict[str, float | None]]:

@@ -12,6 +12,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,7 +23,9 @@ from pipeline.stages.running import command
 
 if TYPE_CHECKING:
     from pipeline.hand.model import Hand
-    from pipeline.score.frames import FrameCheck
+    from pipeline.score.foreign import ForeignFile
+    from pipeline.score.frames import FrameCheck, Placed
+    from pipeline.score.joints import JointMap
     from pipeline.score.placing import PlacedFile
     from pipeline.score.scoring import Engine
 
@@ -73,7 +76,7 @@ def score_file(chosen: argparse.Namespace) -> Path:
         raise UserError(f"{output} is a file; name a folder with --output.")
     check_writable(output)
     from pipeline.hand.model import load_hand
-    from pipeline.score.page import MOST_PICTURES, Told, build_page, picture
+    from pipeline.score.page import MOST_PICTURES, Reading, build_page, picture
     from pipeline.score.placing import ready_grasps
     from pipeline.score.rows import HOLDS, table
     from pipeline.score.scoring import score
@@ -86,8 +89,8 @@ def score_file(chosen: argparse.Namespace) -> Path:
     print(f"{read.file.form}: {len(ready)} grasps of {names}; {100 * frames.share:.0f} % touch as the file was read")
     verdicts = score(ready, hand, parameters, engines, not chosen.no_table)
     found = table(ready, verdicts, read.excess)
-    told = Told(read.file, hand, read.joints, frames, _settings(parameters, engines, chosen))
-    page = build_page(told, found, [picture(grasp, hand) for grasp in ready[:MOST_PICTURES]])
+    reading = Reading(read.file, hand, read.joints, frames, _settings(parameters, engines, chosen))
+    page = build_page(reading, found, [picture(grasp, hand) for grasp in ready[:MOST_PICTURES]])
     with whole_file(output / "scores.csv") as temporary:
         found.to_csv(temporary, index=False)
     with whole_file(output / "scores.html") as temporary:
@@ -101,24 +104,36 @@ def score_file(chosen: argparse.Namespace) -> Path:
 def _read(chosen: argparse.Namespace, hand: Hand, parameters: Parameters) -> tuple[PlacedFile, FrameCheck]:
     """Return the grasps in our frames, after the contact test."""
     from pipeline.score.frames import check_frames
-    from pipeline.score.joints import map_joints
+    from pipeline.score.joints import map_joints, other_orders
     from pipeline.score.own_objects import MeshChoice, object_source
     from pipeline.score.placing import place
     from pipeline.score.readers import read_grasps
 
     source = chosen.folder / chosen.file
     file = read_grasps(source, chosen.quaternion)
-    joints = map_joints(
-        file.joint_names, len(file.grasps[0].joints), hand, chosen.joints.split(",") if chosen.joints else ()
-    )
+    count = len(file.grasps[0].joints)
+    joints = map_joints(file.joint_names, count, hand, chosen.joints.split(",") if chosen.joints else ())
     mesh = MeshChoice(chosen.unit, chosen.up or ("+y" if file.y_up else "+z"), chosen.density, not chosen.no_table)
     objects = [object_source(text, chosen.folder, mesh, parameters.prepare) for text in chosen.object]
-    order = ORDERS[chosen.quaternion]
-    read, other = (
-        place(replace(own, grasps=own.grasps[: chosen.most]), objects, hand, joints, chosen.inverse)
-        for own in (file, read_grasps(source, order))
-    )
-    frames = check_frames(hand, read.placed, (order, other.placed), read.T_prepared_mesh)
+
+    def placed(own: ForeignFile, joints: JointMap) -> PlacedFile:
+        return place(replace(own, grasps=own.grasps[: chosen.most]), objects, hand, joints, chosen.inverse)
+
+    read, order = placed(file, joints), ORDERS[chosen.quaternion]
+
+    def reordered() -> Sequence[Sequence[Placed]]:
+        return placed(read_grasps(source, order), joints).placed
+
+    def renamed(names: Sequence[str]) -> Sequence[Sequence[Placed]]:
+        return placed(file, map_joints(None, count, hand, names)).placed
+
+    others = [(f"quaternions are in the order {order}: add --quaternion {order}", reordered)]
+    if file.joint_names is None and not chosen.joints:
+        others += [
+            (f"the file names no joints and has {called}: add --joints {','.join(names)}", partial(renamed, names))
+            for called, names in other_orders(hand).items()
+        ]
+    frames = check_frames(hand, read.placed, others, read.T_prepared_mesh)
     if frames.hint:
         raise UserError(
             f"{source}: {100 * frames.share:.0f} % of the grasps touch the object as they were read, and "

@@ -69,9 +69,12 @@ def proper_poses(T: Any, what: str, source: Path) -> NDArray[np.float64]:
     """Return rigid transforms (n, 4, 4).
 
     Raises:
-        UserError: they are scaled, skewed, mirrored or of another shape.
+        UserError: they are transposed, scaled, skewed, mirrored or of another shape.
     """
     poses = numbers(T, (None, 4, 4), what, source)
+    if np.abs(poses[:, 3] - [0, 0, 0, 1]).max(initial=0) > 1e-6:
+        mend = "transpose it" if np.abs(poses[:, :, 3] - [0, 0, 0, 1]).max() <= 1e-6 else "correct it there"
+        raise UserError(f"{source}: the last row of {what} is not 0, 0, 0, 1; {mend}.")
     R = poses[:, :3, :3]
     if np.abs(R @ R.swapaxes(1, 2) - np.eye(3)).max(initial=0) > 1e-3 or (np.linalg.det(R) < 0).any():
         raise UserError(f"{source}: {what} is not a rotation with a translation; correct it there.")
@@ -103,6 +106,29 @@ def from_fixed_angles(positions: NDArray[np.float64], angles: NDArray[np.float64
     T[:, :3, :3] = Rotation.from_euler("xyz", angles).as_matrix()
     T[:, :3, 3] = positions
     return T
+
+
+def from_six(positions: NDArray[np.float64], six: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return poses (n, 4, 4) of positions (n, 3), m, and the first two columns of rotations (n, 6), in a row.
+
+    Columns that are no unit vectors at right angles, as an optimiser leaves them, are brought there as in DexGraspNet:
+    each by as much. Where instead the two columns taken in turns are, that is how they were written.
+    """
+    first, second = six[:, :3], six[:, 3:]
+    if not _orthonormal(first, second) and _orthonormal(six[:, ::2], six[:, 1::2]):
+        first, second = six[:, ::2], six[:, 1::2]
+    x, y = (axis / np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-12) for axis in (first, second))
+    between, across = (axis / np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-12) for axis in (x + y, x - y))
+    x, y = (between + across) / np.sqrt(2), (between - across) / np.sqrt(2)
+    T = np.tile(np.eye(4), (len(positions), 1, 1))
+    T[:, :3, :3] = np.stack([x, y, np.cross(x, y)], axis=2)
+    T[:, :3, 3] = positions
+    return T
+
+
+def _orthonormal(x: NDArray[np.float64], y: NDArray[np.float64]) -> bool:
+    off = [(x * x).sum(axis=1) - 1, (y * y).sum(axis=1) - 1, (x * y).sum(axis=1)]
+    return bool(np.abs(off).max(initial=0) < 1e-3)
 
 
 def check_count(count: int, source: Path) -> None:

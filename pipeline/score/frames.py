@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pipeline.hand.kinematics import link_poses, points_on_links
 from pipeline.hand.model import Hand
@@ -102,6 +103,19 @@ def _turned(axis: str) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
     return lambda T: T_turned @ T
 
 
+def _transposed(T: NDArray[np.float64]) -> NDArray[np.float64]:
+    T = T.copy()
+    T[:3, :3] = T[:3, :3].T
+    return T
+
+
+def _moving_axes(T: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a pose with its angles about the fixed axes x, y, z taken as those about moving ones."""
+    T = T.copy()
+    T[:3, :3] = Rotation.from_euler("XYZ", Rotation.from_matrix(T[:3, :3]).as_euler("xyz")).as_matrix()
+    return T
+
+
 def _spread_reversed(q: NDArray[np.float64], hand: Hand) -> NDArray[np.float64]:
     """Return joints with those that spread fingers turned the other way, as in many descriptions of a left hand."""
     spreading = np.abs(hand.lower + hand.upper) < SYMMETRIC
@@ -114,6 +128,10 @@ READINGS: tuple[Reading, ...] = (
     Reading(LEFT, y=-1),
     Reading(LEFT, joints=_spread_reversed, y=-1),
     Reading("poses are of the object in the hand's frame: add --inverse", inverse_pose),
+    Reading(
+        "rotations are those of the object in the hand's frame: transpose them, or conjugate quaternions", _transposed
+    ),
+    Reading("angles turn about moving axes x, y, z instead of fixed ones: convert them", _moving_axes),
     Reading("positions are in millimetres: divide them by 1000", _moved(0.001)),
     Reading("positions are in centimetres: divide them by 100", _moved(0.01)),
     Reading(
@@ -140,14 +158,14 @@ class FrameCheck:
 def check_frames(
     hand: Hand,
     grasps: Sequence[Sequence[Placed]],
-    other_order: tuple[str, Sequence[Sequence[Placed]]],
+    others: Sequence[tuple[str, Callable[[], Sequence[Sequence[Placed]]]]],
     T_prepared_mesh: NDArray[np.float64],
 ) -> FrameCheck:
     """Return the share of grasps that touch all of their objects, and a hint where it is small.
 
     Args:
         grasps: per grasp, each of its objects.
-        other_order: how the other order of quaternions is called, and the same grasps as read in it.
+        others: what the user would have to do, and what gives the same grasps as read then.
         T_prepared_mesh: (4, 4) frame of the mesh, in which other readings turn or invert poses, in that of the object.
     """
     fields: dict[int, DistanceField] = {}
@@ -162,9 +180,8 @@ def check_frames(
     found = share(AS_READ)
     if found >= ENOUGH:
         return FrameCheck(found)
-    order, reordered = other_order
-    hints = [f"quaternions are in the order {order}: add --quaternion {order}", *(reading.hint for reading in READINGS)]
-    shares = [share(AS_READ, reordered), *map(share, READINGS)]
+    hints = [*(hint for hint, _ in others), *(reading.hint for reading in READINGS)]
+    shares = [*(share(AS_READ, placed()) for _, placed in others), *map(share, READINGS)]
     best = int(np.argmax(shares))
     if shares[best] < found + BETTER:
         return FrameCheck(found)

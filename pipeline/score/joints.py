@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pipeline.hand.model import Hand
 from pipeline.records.errors import UserError
+from pipeline.records.parameters.hand import PALM
 
 NO_NAMES = "the file names no joints"
 EXCESS = 0.02  # rad beyond a joint's limit that is rounding
@@ -49,17 +50,17 @@ def map_joints(names: Sequence[str] | None, count: int, hand: Hand, chosen: Sequ
                 "once."
             )
         targets: list[str | None] = list(chosen)
-        told = list(names or [f"value {index}" for index in range(count)])
+        labels = list(names or [f"value {index}" for index in range(count)])
     elif names is None:
         if count != hand.joint_count:
             raise UserError(
                 f"{NO_NAMES}, and has {count} values where the hand {hand.name} has {hand.joint_count} joints; choose "
                 "another --hand."
             )
-        targets, told = list(hand.joint_names), [f"value {index}" for index in range(count)]
+        targets, labels = list(hand.joint_names), [f"value {index}" for index in range(count)]
     else:
-        targets, told = [joint_of(name, hand) for name in names], list(names)
-    unknown = [name for name, target in zip(told, targets, strict=True) if target is None]
+        targets, labels = [joint_of(name, hand) for name in names], list(names)
+    unknown = [name for name, target in zip(labels, targets, strict=True) if target is None]
     missing = [name for name in hand.joint_names if name not in targets]
     if unknown or missing or len(set(targets)) < len(targets):
         which = (
@@ -71,8 +72,31 @@ def map_joints(names: Sequence[str] | None, count: int, hand: Hand, chosen: Sequ
         )
     columns = np.array([targets.index(name) for name in hand.joint_names], dtype=np.int64)
     return JointMap(
-        tuple((told[column], name) for column, name in zip(columns, hand.joint_names, strict=True)), columns
+        tuple((labels[column], name) for column, name in zip(columns, hand.joint_names, strict=True)), columns
     )
+
+
+def other_orders(hand: Hand) -> dict[str, tuple[str, ...]]:
+    """Return orders of joints in which others store values without names, by what they are called.
+
+    Fingers one after the other with the opposing one first, or second as Isaac Gym has it; or the first joints of all
+    fingers, then the second ones, as SAPIEN counts them.
+    """
+    names = {finger: [hand.joint_names[joint] for joint in joints] for finger, joints in hand.finger_joints.items()}
+    orders: dict[str, tuple[str, ...]] = {}
+    for thumb in [finger for finger in hand.opposing if finger != PALM]:
+        fingers = [finger for finger in names if finger != thumb]
+        for called, own in (("first", [thumb, *fingers]), ("second", [fingers[0], thumb, *fingers[1:]])):
+            orders[f"the {thumb} {called}"] = tuple(joint for finger in own for joint in names[finger])
+    layers = range(max(map(len, names.values()), default=0))
+    orders["the first joints of all fingers first"] = tuple(
+        own[layer] for layer in layers for own in names.values() if layer < len(own)
+    )
+    return {
+        called: order
+        for called, order in orders.items()
+        if order != tuple(hand.joint_names) and sorted(order) == sorted(hand.joint_names)
+    }
 
 
 @lru_cache(maxsize=1)

@@ -34,7 +34,7 @@ MOST_PICTURES = 60
 
 
 @dataclass(frozen=True)
-class Told:
+class Reading:
     """What the page says of how the file was read."""
 
     file: ForeignFile
@@ -60,7 +60,7 @@ def picture(grasp: ReadyGrasp, hand: Hand) -> bytes:
     return target.getvalue()
 
 
-def build_page(told: Told, table: pd.DataFrame, pictures: Sequence[bytes]) -> str:
+def build_page(reading: Reading, table: pd.DataFrame, pictures: Sequence[bytes]) -> str:
     """Return the page; ``pictures`` are of the first grasps."""
     plain = table.astype(object).where(table.notna(), None)
     rows: list[dict[str, Any]] = [dict(zip(table.columns, values, strict=True)) for values in plain.to_numpy()]
@@ -74,7 +74,7 @@ def build_page(told: Told, table: pd.DataFrame, pictures: Sequence[bytes]) -> st
         .get_template("scores.html")
         .render(
             style=verbatim("page.css"),
-            told=told,
+            reading=reading,
             tiles=_tiles(table, engines),
             reasons=[(engine, _reasons(table, engine)) for engine in engines],
             columns=list(table.columns),

@@ -19,6 +19,7 @@ from pipeline.score.foreign import (
     entry,
     from_fixed_angles,
     from_quaternions,
+    from_six,
     numbers,
     proper_poses,
     texts,
@@ -26,6 +27,7 @@ from pipeline.score.foreign import (
 from pipeline.score.own_format import read_csv, read_json
 from pipeline.score.unpickled import read_npy
 
+JOINTS = ("joints", "q", "qpos")  # how joint angles beside a pose are called
 WRIST = ("WRJTx", "WRJTy", "WRJTz", "WRJRx", "WRJRy", "WRJRz")
 # DexGraspBench's Allegro (MuJoCo's menagerie) turns the root link so under its own root: T_benchroot_root.
 BENCH_PALM = pose_matrix((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 1.0))
@@ -94,11 +96,14 @@ def read_dictionary(content: dict[Any, Any], source: Path, quaternions: str) -> 
     for name, reader in (("robot_pose", read_bodex), ("grasp_qpos", read_bench), ("q_star", read_frogger)):
         if name in content:
             return reader(content, source, quaternions)
-    if "joints" in content:
-        return read_arrays(content, source, quaternions)
+    if "hand_pose" in content:
+        return read_hand_pose(content, source)
+    for name in JOINTS:
+        if name in content:
+            return read_arrays(content | {"joints": content[name]}, source, quaternions)
     raise UserError(
-        f"{source} has none of robot_pose (BODex), grasp_qpos (DexGraspBench), q_star (FRoGGeR) and joints; see "
-        "docs/lab.md."
+        f"{source} has none of robot_pose (BODex), grasp_qpos (DexGraspBench), q_star (FRoGGeR), hand_pose "
+        f"(DexGraspNet) and {' or '.join(JOINTS)}; see docs/lab.md."
     )
 
 
@@ -121,6 +126,23 @@ def read_dexgraspnet(records: list[Any], source: Path) -> ForeignFile:
         texts(names),
         understood=(
             "Poses are of the hand's root link in the frame of the scaled mesh; angles turn about fixed axes.",
+        ),
+    )
+
+
+def read_hand_pose(content: dict[Any, Any], source: Path) -> ForeignFile:
+    """Read what DexGraspNet optimises: ``hand_pose`` (n, 9 + V) of position, two columns of the rotation, joints."""
+    values = numbers(np.atleast_2d(np.asarray(content["hand_pose"])), (None, None), "hand_pose", source)
+    if values.shape[1] < 10:
+        raise UserError(f"{source}: hand_pose has {values.shape[1]} values; it needs a pose (9) and joints.")
+    T = from_six(values[:, :3], values[:, 3:9])
+    return ForeignFile(
+        source,
+        "DexGraspNet (hand_pose)",
+        _squeezed(T, values[:, 9:], None, _scales({"obj_scale": content.get("scale", 1.0)}, len(values), source)),
+        _names(content),
+        understood=(
+            "hand_pose has a position, the first two columns of the rotation, one after the other, and joints.",
         ),
     )
 
@@ -234,11 +256,18 @@ def read_frogger(content: dict[Any, Any], source: Path, order: str) -> ForeignFi
 
 
 def read_arrays(content: dict[Any, Any], source: Path, order: str) -> ForeignFile:
-    """Read ``pose`` (n, 4, 4), or ``position`` (n, 3) and ``quaternion`` (n, 4), with ``joints`` (n, V)."""
+    """Read ``joints`` (n, V) with ``pose``, or ``position`` (n, 3) and ``quaternion`` (n, 4).
+
+    A ``pose`` is a matrix (n, 4, 4), or position and quaternion (n, 7).
+    """
     joints = numbers(np.atleast_2d(np.asarray(content["joints"])), (None, None), "joints", source)
     if "pose" in content:
         pose = np.asarray(content["pose"])
-        T = proper_poses(pose[None] if pose.ndim == 2 else pose, "pose", source)
+        if pose.ndim < 3 and pose.shape[-1:] == (7,):
+            values = numbers(np.atleast_2d(pose), (None, 7), "pose", source)
+            T = from_quaternions(values[:, :3], values[:, 3:], order, source)
+        else:
+            T = proper_poses(pose[None] if pose.ndim == 2 else pose, "pose", source)
     else:
         positions = numbers(np.atleast_2d(entry(content, "position", source)), (None, 3), "position", source)
         rotations = numbers(np.atleast_2d(entry(content, "quaternion", source)), (None, 4), "quaternion", source)

@@ -15,8 +15,7 @@ from pipeline.compute.shared import Shared
 from pipeline.hand.model import Hand
 from pipeline.hand.moves import finger_joints
 from pipeline.pairing.combination import CHECKS as PAIR_CHECKS
-from pipeline.pairing.combination import combine
-from pipeline.pairing.combination import measures as pair_measures
+from pipeline.pairing.combination import combine, measured
 from pipeline.pairing.grasps import SingleGrasp
 from pipeline.pairing.readiness import ready
 from pipeline.pairing.task import Task, task_of
@@ -140,7 +139,7 @@ def _pair(grasp: ReadyGrasp, hand: Hand, parameters: Parameters, engine: Engine,
         if reason is MergeReason.FINGERS:  # what follows takes for granted that fingers are shared out
             break
     if not failed:
-        columns |= pair_measures(tried, own)
+        columns |= measured(tried)
     return Verdict(tuple(failed), columns)
 
 

@@ -1,4 +1,4 @@
-"""Trials as a LeRobot v3 data set: what the robot measured and was told, where objects were, phases, task and film.
+"""Trials as a LeRobot v3 data set: what the robot measured and its targets, where objects were, phases, task and film.
 
 Layout, as LeRobot 0.4 reads it::
 
@@ -42,7 +42,7 @@ POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 @dataclass
 class TargetRecorder(Recorder):
-    """Writes down every moment of a run, and what the robot was told then."""
+    """Writes down every moment of a run, and the targets of the robot then."""
 
     targets: list[NDArray[np.float64]] = field(default_factory=list)
 
@@ -59,7 +59,7 @@ class Episode:
     name: TrialName
     row: dict[str, Any]  # of the table of trials
     recording: Recording
-    targets: NDArray[np.float64]  # (n, R) rad, what the robot was told at each of the n moments of the recording
+    targets: NDArray[np.float64]  # (n, R) rad, targets of the robot at each of the n moments of the recording
 
     @property
     def task(self) -> str:
@@ -123,15 +123,12 @@ def phases_of(episodes: Sequence[Episode]) -> list[str]:
     return list(dict.fromkeys(phase for episode in episodes for phase in episode.recording.phase))
 
 
-def write_episodes(
-    folder: Path, episodes: Sequence[Episode], hand: Hand, film: Film, videos: bool, workers: int
-) -> None:
+def write_episodes(folder: Path, episodes: Sequence[Episode], hand: Hand, film: Film, videos: bool) -> None:
     """Write a data set; the same trials give the same bytes, but for the video.
 
     Args:
         film: its rate is that of the rows, too.
         videos: with a film of every episode.
-        workers: processes that draw.
     """
     if len({len(episode.name.objects) for episode in episodes}) > 1:
         raise UserError("the trials are of two objects and of more; choose sources with as many objects.")
@@ -154,7 +151,7 @@ def write_episodes(
     if videos:
         target = folder / f"videos/{CAMERA}/{FIRST}.mp4"
         target.parent.mkdir(parents=True)
-        write_film(target, [episode.recording for episode in episodes], hand, film, workers)
+        write_film(target, [episode.recording for episode in episodes], hand, film)
 
 
 def _table(columns: dict[str, NDArray[Any]]) -> pa.Table:

@@ -133,10 +133,10 @@ def model_card(title: str, config: Mapping[str, Any], summary: Mapping[str, Any]
 
     Args:
         config: content of ``model.json``.
-        summary: content of ``reports/summary.json``, of which what concerns the model is told.
+        summary: content of ``reports/summary.json``, of which what concerns the model is shown.
     """
-    told = {name: value for name, value in summary.items() if name.startswith("train.")}
-    told |= {name: summary[name] for name in LEARNED if name in summary}
+    figures = {name: value for name, value in summary.items() if name.startswith("train.")}
+    figures |= {name: summary[name] for name in LEARNED if name in summary}
     top = header(
         {"license": "mit", "tags": [*TAGS, "diffusion"], "pipeline_tag": "robotics", "library_name": "seqgrasp"}
     )
@@ -151,7 +151,7 @@ def model_card(title: str, config: Mapping[str, Any], summary: Mapping[str, Any]
         "## Use\n\nPut the files into `models/train/` of a clone; `python -m pipeline.sample` and "
         "`seqgrasp.sample_grasps` draw from it.",
         "## Figures\n\nFrom simulation, on the objects that it was trained on; see the metrics page of the project.",
-        _table(("figure", "value"), [(f"`{name}`", f"{value:.6g}") for name, value in sorted(told.items())]),
+        _table(("figure", "value"), [(f"`{name}`", f"{value:.6g}") for name, value in sorted(figures.items())]),
         "## Limits\n\nOne hand; the fingers of each grasp are fixed (thumb, index and middle for the "
         f"{ORDINALS[0]} object, ring and palm for the {ORDINALS[1]}). Samples are proposals: have them checked before "
         "a robot moves.",

@@ -94,15 +94,15 @@ def publish(chosen: argparse.Namespace) -> Path:
         text = f"{sum(own.rows for own in splits)} grasps of two objects in one Allegro hand, checked in physics."
         (folder / CROISSANT).write_text(json_text(croissant(NAME, text, licence, chosen.url, VERSION, _date(), splits)))
         write_checksums(folder)
-    told = ", ".join(f"{own.rows} {own.source} ({own.name})" for own in splits)
-    print(f"{target}: {told}; {len(objects)} objects; {recorded} trials; model: {'yes' if config else 'no'}")
+    counts = ", ".join(f"{own.rows} {own.source} ({own.name})" for own in splits)
+    print(f"{target}: {counts}; {len(objects)} objects; {recorded} trials; model: {'yes' if config else 'no'}")
     return target
 
 
 def _date() -> str:
     """Return the day of the clone's last commit, or today where there is none."""
-    told = subprocess.run(["git", "log", "-1", "--format=%cs"], capture_output=True, text=True)
-    return told.stdout.strip() or date.today().isoformat()
+    commit = subprocess.run(["git", "log", "-1", "--format=%cs"], capture_output=True, text=True)
+    return commit.stdout.strip() or date.today().isoformat()
 
 
 def _model_config() -> Mapping[str, Any] | None:
@@ -171,7 +171,7 @@ def _write_trials(folder: Path, chosen: argparse.Namespace) -> int:
     names = _spread(standard, chosen.trials)
     episodes = fan_out(partial(record, hand=hand), names, workers, "record")
     folder.mkdir()
-    write_episodes(folder, episodes, hand, Film(320, 240, chosen.fps), not chosen.no_video, workers)
+    write_episodes(folder, episodes, hand, Film(320, 240, chosen.fps), not chosen.no_video)
     return len(episodes)
 
 

@@ -1,4 +1,4 @@
-"""Whether ``code.yaml`` tells the code that is about to run."""
+"""Whether ``code.yaml`` describes the code that is about to run."""
 
 from __future__ import annotations
 

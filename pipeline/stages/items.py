@@ -107,12 +107,7 @@ def make_items(
     earlier = {} if everything else _kept(stage, fingerprints, index)
     done = {key for key, fingerprint in fingerprints.items() if key not in earlier and fingerprint in unfinished}
     missing = [key for key in fingerprints if key not in earlier and key not in done]
-    print(
-        f"{stage.name}: {len(missing)} of {len(fingerprints)} {stage.nouns} to compute, {len(earlier)} kept"
-        + (f", {len(done)} finished by an interrupted run" if done else ""),
-        flush=True,
-    )
-
+    print(_plan(stage, len(missing), len(fingerprints), len(earlier), len(done)), flush=True)
     failures = Failures(stage.name, stage.nouns, refused)
 
     def keep(key: str, result: Any) -> None:
@@ -138,6 +133,11 @@ def make_items(
     if failures:
         raise failures.sentence(len(lost) + len(refused), len(fingerprints) + len(refused))
     unfinished.finish(index)
+
+
+def _plan(stage: Stage, missing: int, wanted: int, kept: int, done: int) -> str:
+    interrupted = f", {done} finished by an interrupted run" if done else ""
+    return f"{stage.name}: {missing} of {wanted} {stage.nouns} to compute, {kept} kept{interrupted}"
 
 
 def _compute(
@@ -195,7 +195,7 @@ def _present(run: EarlierRun, name: str) -> Path:
 def make_by_hand(stage: Stage, keys: Sequence[str], begin: Begin, workers: Workers) -> None:
     """Compute some items, whatever was made before, and put them beside what the output holds already.
 
-    The index of items goes, as it no longer tells what the output holds: DVC makes both again before the next stage
+    The index of items goes, as it no longer says what the output holds: DVC makes both again before the next stage
     that depends on them.
     """
     if not keys:

@@ -1,4 +1,4 @@
-"""Command of the record: tells MLflow about the result that the report has just summed up, once per result."""
+"""Command of the record: gives MLflow the result that the report has just summed up, once per result."""
 
 from __future__ import annotations
 
@@ -69,12 +69,12 @@ def work() -> None:
 
 
 @command("track")
-def work_all() -> int:
-    """Record what git's history holds and return the exit code."""
+def work_all(server: str) -> int:
+    """Record what git's history holds, on a server if one is named, and return the exit code."""
     parameters = read_parameters()
     from pipeline.track.backfill import record_all
 
-    print(f"track: {record_all(Path.cwd(), parameters.track.experiment)}")
+    print(f"track: {record_all(Path.cwd(), parameters.track.experiment, server)}")
     return 0
 
 
@@ -87,8 +87,14 @@ def main() -> int:
         help="record every distinct result of git's history and of DVC's experiments instead, in order of time, as a "
         "fresh clone's MLflow is empty; what is recorded stays, so that it can be run again at any time",
     )
-    if parser.parse_args().all:
-        return work_all()
+    parser.add_argument(
+        "--server", metavar="URL", default="", help="with --all: an MLflow server that records instead of mlflow.db"
+    )
+    chosen = parser.parse_args()
+    if chosen.server and not (chosen.all and chosen.server.startswith(("http://", "https://"))):
+        parser.error("--server takes an address such as http://mlflow:5000, and goes with --all")
+    if chosen.all:
+        return work_all(chosen.server)
     return run_stage("track", work)
 
 

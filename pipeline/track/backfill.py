@@ -29,10 +29,13 @@ from pipeline.track.runs import COMPLETED, RECORDED, Origin, write_record
 PAGE, CURVES = "its page", "its curves"
 
 
-def record_all(root: Path, experiment: str) -> str:
+def record_all(root: Path, experiment: str, server: str = "") -> str:
     """Record every distinct result that is not yet recorded, in order of time, and return a sentence of counts.
 
     Prints one line for each that it records, and for each commit that it skips.
+
+    Args:
+        server: address of an MLflow server that records, instead of the database in ``root``.
 
     Raises:
         UserError: git, DVC or the database cannot be used.
@@ -50,7 +53,7 @@ def record_all(root: Path, experiment: str) -> str:
             counts["skipped"] += 1
             print(f"{version.title}: skipped, {reason}", flush=True)
             continue
-        key, done, lacks = record_one(root, experiment, cache, version, past, seen)
+        key, done, lacks = record_one(root, experiment, cache, version, past, seen, server)
         if lacks:
             lacking.add(key)
         if done in (RECORDED, COMPLETED):
@@ -61,7 +64,13 @@ def record_all(root: Path, experiment: str) -> str:
 
 
 def record_one(
-    root: Path, experiment: str, cache: Cache, version: Version, past: PastResult, seen: set[str]
+    root: Path,
+    experiment: str,
+    cache: Cache,
+    version: Version,
+    past: PastResult,
+    seen: set[str],
+    server: str = "",
 ) -> tuple[str, str, str]:
     """Record one result; return its key, what was done, and what it lacks.
 
@@ -81,7 +90,7 @@ def record_one(
             lacks=" and ".join(missing),
             began=float(version.seconds),
         )
-        return record.key, write_record(root, experiment, record, origin), origin.lacks
+        return record.key, write_record(root, experiment, record, origin, server), origin.lacks
 
 
 def past_tags(version: Version) -> dict[str, str]:

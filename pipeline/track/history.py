@@ -115,7 +115,7 @@ def read_result(root: Path, version: Version) -> PastResult:
     try:
         stages = locked_stages(lock, stage_names(declared, chosen))
     except (ValueError, TypeError, AttributeError, KeyError) as error:
-        raise NoResult(f"its stages cannot be told: {error}") from error
+        raise NoResult(f"its stages are unknown: {error}") from error
     report = next((stage for stage in stages if stage.name == "report"), None)
     if report is None:
         raise NoResult(f"its {LOCK_FILE} has no report")

@@ -1,4 +1,4 @@
-"""The record of one result as plain data: what MLflow is told, before anything is told."""
+"""The record of one result as plain data: what MLflow gets, before it gets anything."""
 
 from __future__ import annotations
 

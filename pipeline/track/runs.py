@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
 from pipeline.track.record import Record, StageRecord
-from pipeline.track.store import alone, database_errors, experiment_id, open_client
+from pipeline.track.store import (
+    alone,
+    database_errors,
+    experiment_id,
+    experiment_on_server,
+    open_client,
+    open_server,
+    server_errors,
+)
 
 if TYPE_CHECKING:
     from mlflow.entities import Run
@@ -49,27 +57,35 @@ class Origin:
         return self.milliseconds if self.began is not None else int(1000 * time.time())
 
 
-def write_record(root: Path, experiment: str, record: Record, origin: Origin) -> str:
+def write_record(root: Path, experiment: str, record: Record, origin: Origin, server: str = "") -> str:
     """Record one result and return :data:`RECORDED`, :data:`KNOWN` when it is there, or :data:`COMPLETED`.
 
     A parent run counts once it is finished; what an interrupted recording left behind is deleted first.
 
     Args:
         root: the repository; the database and the artifacts lie in it.
+        server: address of an MLflow server that records instead.
 
     Raises:
-        UserError: the database or the artifact folder cannot be used.
+        UserError: the database, the artifact folder or the server cannot be used.
     """
     with alone(root):
+        if server:
+            client = open_server(server)
+            with server_errors(server):
+                return _write_once(client, experiment_on_server(client, experiment), record, origin)
         client = open_client(root)
         with database_errors(root / paths.TRACKING_DATABASE):
-            home = experiment_id(client, experiment, root)
-            _delete_unfinished(client, home)
-            known = _first_run(client, home, f"tags.`{KEY_TAG}` = '{record.key}'")
-            if known:
-                return _complete(client, home, known, record, origin)
-            _write(client, home, record, origin)
-            return RECORDED
+            return _write_once(client, experiment_id(client, experiment, root), record, origin)
+
+
+def _write_once(client: MlflowClient, home: str, record: Record, origin: Origin) -> str:
+    _delete_unfinished(client, home)
+    known = _first_run(client, home, f"tags.`{KEY_TAG}` = '{record.key}'")
+    if known:
+        return _complete(client, home, known, record, origin)
+    _write(client, home, record, origin)
+    return RECORDED
 
 
 def _write(client: MlflowClient, home: str, record: Record, origin: Origin) -> None:

@@ -71,6 +71,55 @@ def database_errors(database: Path) -> Iterator[None]:
         raise _explained(database, str(error)) from error
 
 
+@contextmanager
+def server_errors(server: str) -> Iterator[None]:
+    """Turn what an MLflow server, or the store of its artifacts, answers into a :class:`UserError`."""
+    from mlflow.exceptions import MlflowException
+
+    try:
+        yield
+    except (MlflowException, OSError) as error:
+        text = " ".join(str(error).split())[:200]
+        raise UserError(
+            f"the MLflow server {server} cannot be used ({text}); check its address and its log."
+        ) from error
+
+
+def open_server(server: str) -> MlflowClient:
+    """Return a client of an MLflow server.
+
+    Raises:
+        UserError: it does not answer within some seconds.
+    """
+    _quiet()
+    os.environ["MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT"] = "true"  # two lines for every run
+    os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "2")  # its own seven take minutes
+    from mlflow.tracking import MlflowClient
+
+    client = MlflowClient(tracking_uri=server)
+    with server_errors(server):
+        client.search_experiments(max_results=1)
+    return client
+
+
+def experiment_on_server(client: MlflowClient, name: str) -> str:
+    """Return the id of the experiment, made with its artifacts where the server keeps them."""
+    known = client.get_experiment_by_name(name)
+    if known is None:
+        return str(client.create_experiment(name))
+    if known.lifecycle_stage == "deleted":
+        client.restore_experiment(known.experiment_id)
+    return str(known.experiment_id)
+
+
+def _quiet() -> None:
+    """Keep MLflow from telling its makers, or us, more than is needed."""
+    os.environ["MLFLOW_DISABLE_TELEMETRY"] = os.environ["DO_NOT_TRACK"] = "true"
+    os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
+    for name in ("alembic", "mlflow.store.db.utils"):
+        logging.getLogger(name).setLevel(logging.WARNING)
+
+
 def open_client(root: Path) -> MlflowClient:
     """Return a client of the database in ``root``, which is created (in some seconds) when there is none.
 
@@ -79,13 +128,9 @@ def open_client(root: Path) -> MlflowClient:
     """
     database = root / paths.TRACKING_DATABASE
     check_database(database)
-    os.environ["MLFLOW_DISABLE_TELEMETRY"] = os.environ["DO_NOT_TRACK"] = "true"
-    os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
-
+    _quiet()
     from mlflow.tracking import MlflowClient
 
-    for name in ("alembic", "mlflow.store.db.utils"):
-        logging.getLogger(name).setLevel(logging.WARNING)
     with database_errors(database):
         if not database.exists():
             # Made aside: MLflow refuses a database that a kill or a full disk left half-made, for ever.

@@ -1,4 +1,4 @@
-"""Every tried combination keeps its fate; results are balanced and independent of the number of workers."""
+"""Every tried combination keeps its outcome; results are balanced and independent of the number of workers."""
 
 from collections import Counter
 from dataclasses import replace
@@ -19,8 +19,10 @@ from pipeline.pairing.task import task_of
 from pipeline.records.merge_reasons import MergeReason
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.physics import PhysicsParameters, SapienParameters
+from pipeline.records.parameters.robustness import RobustnessParameters
 from pipeline.records.parameters.validate import ValidateParameters
-from pipeline.records.tables import MERGED, read_table, write_table
+from pipeline.records.tables import MARGINS, MERGED, read_table, write_table
+from pipeline.robustness.measures import measuring
 from tests.merge.constructed import GROUPS, HAND, box, cylinder, pair, pinch, side
 from tests.pairs import PAIR
 
@@ -49,7 +51,7 @@ def with_mount_low():
 
 
 @pytest.mark.parametrize(
-    ("first", "second", "fate"),
+    ("first", "second", "outcome"),
     [
         (pinch(), side(), ""),
         (replace(pinch(), fingers=("thumb", "ring")), side(), "fingers"),
@@ -59,11 +61,11 @@ def with_mount_low():
         (replace(pinch(), squeeze_q=pinch().q), side(), "gravity"),
     ],
 )
-def test_fate_of_a_combination(first, second, fate: str) -> None:
+def test_outcome_of_a_combination(first, second, outcome: str) -> None:
     row = row_of(pair(), first, second)
-    assert row["rejected_by"] == fate and fate in ["", *MergeReason]
+    assert row["rejected_by"] == outcome and outcome in ["", *MergeReason]
     assert set(row) == set(MERGED.names)
-    if fate == "":
+    if outcome == "":
         assert row["object_clearance"] > 0 and row["sweep_penetrations"] == [None, 0]
         assert max(row["gravity_drift"]) < 0.02 and len(row["gravity_drift"]) == 6
 
@@ -81,10 +83,12 @@ def tables_of(inputs: dict[str, Inputs], workers: int) -> dict[str, pd.DataFrame
     return tables
 
 
-def all_merged(workers: int, seconds: dict, **settings) -> dict[str, pd.DataFrame]:
+def all_merged(
+    workers: int, seconds: dict, measured: RobustnessParameters | None = None, **settings
+) -> dict[str, pd.DataFrame]:
     settings = {"grasps_per_pair": 6, "most_per_grasp": 2, "distinct_distance": 0.0, "physics_test": False} | settings
     firsts, _ = several(6)
-    task = pair(**settings)
+    task = replace(pair(**settings), measuring=measured and measuring(measured, 1, "box", "can"))
     inputs = {
         name: Inputs(
             replace(task, objects=(box(), replace(cylinder(), name=name))),
@@ -130,6 +134,19 @@ def test_result_does_not_depend_on_workers(tmp_path) -> None:
     assert (tmp_path / "1.parquet").read_bytes() == (tmp_path / "2.parquet").read_bytes()
     back = read_table(tmp_path / "1.parquet", MERGED, "merge")
     assert len(back) > 6 and all(len(own) < 2 for own in back[back.rejected_by != ""].open_q)
+
+
+def test_the_first_accepted_grasps_are_measured() -> None:
+    none, some, every = (
+        merged(1, measured=measured)
+        for measured in (None, RobustnessParameters(merged_grasps=2), RobustnessParameters(merged_grasps=None))
+    )
+    accepted = every.index[every.rejected_by == ""]
+    measures = [f"{name}s" for name in MARGINS.names]
+    assert every.loc[accepted, measures].notna().all(axis=None) and every.drop(accepted)[measures].isna().all(axis=None)
+    pd.testing.assert_frame_equal(some.loc[accepted[:2]], every.loc[accepted[:2]])
+    assert some.drop(accepted[:2])[measures].isna().all(axis=None) and none[measures].isna().all(axis=None)
+    pd.testing.assert_frame_equal(some.drop(columns=measures), every.drop(columns=measures))
 
 
 def test_limits_end_the_search() -> None:

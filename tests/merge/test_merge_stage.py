@@ -15,7 +15,7 @@ from pipeline.records.tables import MERGED, VALIDATED, read_table, rows_of, writ
 from tests.merge.constructed import box, cylinder, pinch, side
 
 
-def write_validated(style: str, name: str, grasp, fates: list[str]) -> None:
+def write_validated(style: str, name: str, grasp, outcomes: list[str]) -> None:
     position, quaternion = position_quaternion(grasp.T_object_hand)
     row = dict.fromkeys(VALIDATED.names) | {
         "object": name,
@@ -29,7 +29,7 @@ def write_validated(style: str, name: str, grasp, fates: list[str]) -> None:
         "open_q": grasp.open_q,
         "approach_direction": grasp.approach_direction,
     }
-    rows = [row | {"grasp_id": index, "rejected_by": fate} for index, fate in enumerate(fates)]
+    rows = [row | {"grasp_id": index, "rejected_by": outcome} for index, outcome in enumerate(outcomes)]
     write_table(paths.validated_file(style, name), pd.DataFrame(rows, dtype=object), VALIDATED)
 
 

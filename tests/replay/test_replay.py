@@ -30,7 +30,7 @@ from pipeline.records.poses import pose_matrix
 from pipeline.records.tables import MERGED, TRIALS, read_table, write_table
 from pipeline.replay import __main__ as command
 from pipeline.replay import video
-from pipeline.replay.appearance import appearance, bodies_at, moving_poses
+from pipeline.replay.appearance import appearance, moving_poses
 from pipeline.replay.recording import MOMENTS, About, Recorder, Recording, read_recording, write_recording
 from pipeline.replay.rerun import TrialName, differing_columns, drawn_trials, known_trials, trial_name
 from pipeline.replay.sapien_camera import SapienCamera, why_unusable
@@ -168,7 +168,7 @@ def test_one_changed_bit_is_another_outcome(project: Path, capsys) -> None:
     assert command.main([NAME, "--no-view"]) == 1
     told = capsys.readouterr().out
     assert "ANOTHER outcome than" in told and "columns that differ: reason, heights; `dvc status evaluate@" in told
-    assert read_recording(RECORDING).about.outcome == "success (the table tells another outcome)"
+    assert read_recording(RECORDING).about.outcome == "success (the table holds another outcome)"
 
 
 def test_every_bit_counts() -> None:
@@ -307,7 +307,8 @@ def test_still_moments_share_a_picture(replayed: Recording) -> None:
 def test_appearance_is_that_of_the_recording(evaluated: Path, short: Recording, monkeypatch, objects) -> None:
     monkeypatch.chdir(evaluated)
     looks = appearance(short, HAND)
-    bodies = bodies_at(looks, moving_poses(short, HAND, len(short.time) - 1))
+    poses = moving_poses(short, HAND, len(short.time) - 1)
+    bodies = [*(body.placed(T) for body, T in zip(looks.moving, poses, strict=True)), looks.sponge]
     assert sum(len(body.faces) for body in bodies) < 40_000
     *_, cube, cylinder, sponge = bodies
     pose = short.poses[0, -1]
@@ -345,7 +346,7 @@ def test_mp4_has_every_picture_and_shows_the_objects(
     film, recording = Film(320, 240, 5.0), resting(replayed)
     target = tmp_path / "trial.mp4"
     # 0.8 s, and 1 s for the outcome
-    assert write_video(target, recording, HAND, film, "rays", workers=1) == (5 + 5, "rays")
+    assert write_video(target, recording, HAND, film, "raster") == 5 + 5
     reader = imageio_ffmpeg.read_frames(str(target))
     about = next(reader)
     frames = [np.frombuffer(frame, np.uint8).reshape(266, 320, 3) for frame in reader]
@@ -365,7 +366,7 @@ def test_gif_lasts_as_long_as_the_trial(evaluated: Path, replayed: Recording, mo
 
     monkeypatch.chdir(evaluated)
     film, recording = Film(160, 120, 5.0), resting(replayed)
-    assert write_video(tmp_path / "trial.gif", recording, HAND, film, "rays", workers=1)[0] == 10
+    assert write_video(tmp_path / "trial.gif", recording, HAND, film, "raster") == 10
     with Image.open(tmp_path / "trial.gif") as gif:
         durations = []
         for index in range(gif.n_frames):  # those that are alike are one
@@ -383,16 +384,16 @@ def test_interrupted_video_leaves_nothing(evaluated: Path, short: Recording, mon
     monkeypatch.chdir(evaluated)
     drawn = []
 
-    def some(content: tuple[bytes, str]) -> np.ndarray:
-        drawn.append(content)
+    def some(picture: np.ndarray, caption: str) -> np.ndarray:
+        drawn.append(caption)
         if len(drawn) > 3:
             raise KeyboardInterrupt
         return np.zeros((64 + 26, 64, 3), np.uint8)
 
-    monkeypatch.setattr(video, "_ray_cast", lambda shared, poses: b"")
-    monkeypatch.setattr(video, "_frame", some)
+    monkeypatch.setattr(video, "_raster", lambda looks, film: lambda poses: np.zeros((64, 64, 3), np.uint8))
+    monkeypatch.setattr(video, "captioned", some)
     with pytest.raises(KeyboardInterrupt):
-        write_video(tmp_path / f"trial{suffix}", short, HAND, Film(64, 64, 10.0), "rays", workers=1)
+        write_video(tmp_path / f"trial{suffix}", short, HAND, Film(64, 64, 10.0), "raster")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -400,11 +401,11 @@ def test_video_that_cannot_be_written_is_told_before_drawing(evaluated: Path, sh
     monkeypatch.chdir(evaluated)
     (tmp_path / "file").write_text("")
     with pytest.raises(UserError, match="cannot write"):
-        write_video(tmp_path / "file" / "trial.mp4", short, HAND, Film(), "rays", workers=1)
+        write_video(tmp_path / "file" / "trial.mp4", short, HAND, Film(), "raster")
 
 
 @pytest.mark.render
-def test_sapien_sees_what_rays_see(evaluated: Path, replayed: Recording, monkeypatch) -> None:
+def test_sapien_sees_both_objects(evaluated: Path, replayed: Recording, monkeypatch) -> None:
     """Both objects where the camera must see them; needs a Vulkan driver, also one in software."""
     reason = why_unusable()
     if reason:
@@ -421,9 +422,9 @@ def test_sapien_sees_what_rays_see(evaluated: Path, replayed: Recording, monkeyp
 def test_renderer_that_is_not_there_is_one_sentence(evaluated: Path, short: Recording, monkeypatch, tmp_path) -> None:
     monkeypatch.chdir(evaluated)
     monkeypatch.setattr("pipeline.replay.sapien_camera.why_unusable", lambda: "no rendering device")
-    with pytest.raises(UserError, match=r"SAPIEN's renderer cannot be used \(no rendering device\); take `--renderer"):
-        write_video(tmp_path / "trial.mp4", short, HAND, Film(), "sapien", workers=1)
-    assert video._choose("auto") == "rays" and list(tmp_path.iterdir()) == []
+    with pytest.raises(UserError, match=r"SAPIEN's renderer cannot be used \(no rendering device\); leave `--renderer"):
+        write_video(tmp_path / "trial.mp4", short, HAND, Film(), "sapien")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_viewer_serves_the_page_and_moves_what_moves(evaluated: Path, replayed: Recording, monkeypatch) -> None:

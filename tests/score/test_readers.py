@@ -41,6 +41,40 @@ def test_dexgraspnet(tmp_path, grasps, hand):
     assert file.grasps[0].scale == 0.5 and file.joint_names[0] == "joint_15.0"
 
 
+@pytest.mark.parametrize("interleaved", [False, True])
+def test_hand_pose_of_dexgraspnet(tmp_path, grasps, hand, interleaved):
+    """Two columns of the rotation; not yet at right angles, they are moved by as much each."""
+    rows = []
+    for own in grasps:
+        (T,) = own.T_object_hand
+        six = T[:3, :2].ravel() if interleaved else np.concatenate([T[:3, 0], T[:3, 1]])
+        rows.append(np.concatenate([T[:3, 3], six, own.q]))
+    np.savez(tmp_path / "g.npz", hand_pose=np.array(rows))
+    check(read_grasps(tmp_path / "g.npz", "wxyz"), grasps, hand, squeezed=False)
+    if not interleaved:
+        leaning = np.array(rows)
+        angle = 0.1  # rad, of both towards each other in their plane
+        x, y = leaning[:, 3:6].copy(), leaning[:, 6:9].copy()
+        leaning[:, 3:6] = 1.7 * (np.cos(angle) * x + np.sin(angle) * y)
+        leaning[:, 6:9] = 0.4 * (np.sin(angle) * x + np.cos(angle) * y)
+        np.save(tmp_path / "g.npy", {"hand_pose": leaning}, allow_pickle=True)
+        check(read_grasps(tmp_path / "g.npy", "wxyz"), grasps, hand, squeezed=False)
+
+
+@pytest.mark.parametrize("name", ["joints", "q", "qpos"])
+def test_pose_and_joints(tmp_path, grasps, hand, name):
+    T = np.array([own.T_object_hand[0] for own in grasps])
+    q = np.array([own.q for own in grasps])
+    np.savez(tmp_path / "g.npz", pose=T, **{name: q})
+    check(read_grasps(tmp_path / "g.npz", "wxyz"), grasps, hand, squeezed=False)
+    seven = [np.concatenate([pose[:3, 3], np.roll(foreign_files.wxyz(pose[:3, :3]), -1)]) for pose in T]
+    np.savez(tmp_path / "g.npz", pose=np.array(seven), **{name: q})
+    check(read_grasps(tmp_path / "g.npz", "xyzw"), grasps, hand, squeezed=False)
+    np.savez(tmp_path / "g.npz", pose=T.swapaxes(1, 2), **{name: q})
+    with pytest.raises(UserError, match="last row of pose is not 0, 0, 0, 1; transpose it"):
+        read_grasps(tmp_path / "g.npz", "wxyz")
+
+
 def test_bodex(tmp_path, grasps, hand):
     foreign_files.bodex(tmp_path / "g.npy", grasps, hand)
     check(read_grasps(tmp_path / "g.npy", "wxyz"), grasps, hand, squeezed=True)

@@ -17,7 +17,7 @@ KEY = "test-access-key"
 SECRET = "test-secret-key"
 
 
-def _free_port() -> int:
+def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]
@@ -41,7 +41,7 @@ def sshd(folder: Path, home: Path) -> Iterator[str]:
     for key in (own / "host_key", ours / "id_ed25519"):
         subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(key)], check=True)
     shutil.copy(ours / "id_ed25519.pub", own / "authorized_keys")
-    port = _free_port()
+    port = free_port()
     (own / "config").write_text(
         f"ListenAddress 127.0.0.1:{port}\nHostKey {own}/host_key\nAuthorizedKeysFile {own}/authorized_keys\n"
         f"PidFile {own}/pid\nStrictModes no\nUsePAM no\nPasswordAuthentication no\nPermitRootLogin prohibit-password\n"

@@ -170,7 +170,7 @@ def test_lerobot_opens_the_trials(empty_folder):
     episodes = [episode(0, 50), episode(1, 60)]
     target = empty_folder / "trials"
     target.mkdir()
-    write_episodes(target, episodes, load_hand("allegro"), Film(64, 48, 10), True, 1)
+    write_episodes(target, episodes, load_hand("allegro"), Film(64, 48, 10), True)
     environment = subprocess.run([*LEROBOT, "-c", "import lerobot"], capture_output=True, text=True)
     if environment.returncode:
         pytest.skip(f"lerobot cannot be installed beside: {environment.stderr.strip()[-200:]}")

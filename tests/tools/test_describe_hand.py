@@ -9,10 +9,12 @@ import pytest
 import yaml
 
 from pipeline.hand.kinematics import link_poses, points_on_links
-from pipeline.hand.model import hand_of_file
+from pipeline.hand.model import hand_of_file, load_hand
+from pipeline.hand.moves import finger_joints
 from tests.hand.toy import urdf_text
 from tools import describe_hand
-from tools.hand_guesses import Meeting, groups, opposing
+from tools.hand_guesses import Meeting, groups, opposing, tip_points
+from tools.palm_press import NEEDED
 
 
 @pytest.fixture
@@ -64,13 +66,51 @@ def test_what_cannot_be_described_leaves_nothing_behind(hands: Path, capsys: pyt
 
 
 def test_the_finger_that_faces_the_others_opposes() -> None:
-    def found(**directions: list[float]) -> Meeting:
-        return Meeting(np.zeros(1), np.zeros(3), {name: np.array(own, float) for name, own in directions.items()}, 0.0)
+    def opposed(stretched: dict[str, list[float]] | None = None, **directions: list[float]) -> list[str]:
+        found = Meeting(np.zeros(1), np.zeros(3), {name: np.array(own, float) for name, own in directions.items()}, 0.0)
+        ways = stretched or dict.fromkeys(directions, [0.0, 0.0, 1.0])
+        return opposing(found, {name: np.array(own, float) for name, own in ways.items()})
 
-    assert opposing(found(a=[1, 0, 0], b=[0.9, 0.4, 0], c=[-1, 0, 0])) == ["c"]
+    assert opposed(a=[1, 0, 0], b=[0.9, 0.4, 0], c=[-1, 0, 0]) == ["c"]
     third = np.sqrt(3) / 2
-    assert opposing(found(a=[1, 0, 0], b=[-0.5, third, 0], c=[-0.5, -third, 0])) == []
-    assert opposing(found(thumb=[1, 0, 0], b=[1, 0, 0], c=[1, 0, 0])) == ["thumb"]
+    around = {"a": [1, 0, 0], "b": [-0.5, third, 0], "c": [-0.5, -third, 0]}
+    assert opposed(**around) == []
+    assert opposed({"a": [0, 0, 1], "b": [0, 1, 0], "c": [0, 0.1, 1]}, **around) == ["b"]  # points elsewhere
+    assert opposed(thumb=[1, 0, 0], b=[1, 0, 0], c=[1, 0, 0]) == ["thumb"]
+
+
+def test_the_allegro_pinches_and_presses_with_the_ring_finger() -> None:
+    """Its published grasps: palm normal +x, fingers +z, ring against palm below the others, thumb opposing."""
+    hand = load_hand("allegro")
+    guesses = describe_hand.guessed(hand)
+    assert guesses.opposing == ["thumb"] and guesses.press is not None and guesses.press.finger == "ring"
+    np.testing.assert_allclose(guesses.face.normal, [1, 0, 0], atol=1e-6)
+    content = {"fingers": {name: {} for name in hand.finger_links}, "styles": {"pinch": {}}}
+    described = describe_hand.completed(content, hand, guesses)
+    for finger in ("index", "middle", "ring"):  # all joints at zero, by its URDF
+        assert np.abs(described["fingers"][finger]["straight"]).max() < 0.15
+    side = described["styles"]["side"]
+    assert side["fingers"] == ["ring", "palm"] and described["styles"]["pinch"]["fingers"] == [
+        "index",
+        "middle",
+        "thumb",
+    ]
+    np.testing.assert_allclose(side["orientation"], hand.style("side").orientation, atol=0.1)
+    posture, joints = np.array(side["posture"]), finger_joints(["ring"], hand)
+    link, point = tip_points(hand)["ring"]
+    tip = points_on_links(link_poses(hand, posture[None]), np.array([link]), point[None])[0, 0]
+    wanted = guesses.face.height + 2 * NEEDED  # what is between palm and tip is a cylinder of that radius
+    assert posture[joints].tolist() == guesses.press.posture.round(5).tolist()
+    assert wanted - 0.03 < tip[0] < wanted + 0.015
+    palm = described["contacts"]["base_link"][0]
+    np.testing.assert_allclose(np.array(palm["points"])[:, 0], 0.0114, atol=0.002)  # the face of its box
+    np.testing.assert_allclose(palm["normals"], np.tile([1.0, 0.0, 0.0], (len(palm["normals"]), 1)), atol=1e-4)
+
+
+def test_a_hand_whose_fingers_stand_about_the_palm_presses_nothing() -> None:
+    guesses = describe_hand.guessed(load_hand("dclaw"))
+    assert guesses.press is None and guesses.opposing == []
+    np.testing.assert_allclose(guesses.face.normal, [0, 0, 1], atol=1e-4)
 
 
 def test_groups_cover_all_pairs_and_nothing_else() -> None:

@@ -155,7 +155,7 @@ def test_commits_without_a_whole_result_are_skipped_with_the_reason(with_databas
     said = capsys.readouterr().out
     for reason in (
         "Edited by hand: skipped, its reports/summary.json is not the one that dvc.lock names",
-        "No objects: skipped, its stages cannot be told: params.yaml does not hold what dvc.yaml lists as ${first}",
+        "No objects: skipped, its stages are unknown: params.yaml does not hold what dvc.yaml lists as ${first}",
         "Broken: skipped, its dvc.lock is damaged",
         "Gone: skipped, it has no dvc.lock",
     ):

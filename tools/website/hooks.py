@@ -10,15 +10,16 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 from pipeline.records.parameters import Parameters
-from tools.website import links, reference
+from tools.website import links, over_time, reference
 
 ROOT = Path(__file__).resolve().parents[2]
 ASSETS = ("iframe-worker.js", "website.css", "favicon.svg")
 
 
 def made_pages() -> dict[str, str]:
-    """Return the text of every page that is generated from the code, by its name."""
+    """Return the text of every page that is generated from the code or from figures, by its name."""
     pages = {
+        "history.md": over_time.page(ROOT),
         "reference/index.md": reference.index(ROOT),
         "reference/commands.md": reference.commands(ROOT),
         "reference/parameters.md": reference.parameters(Parameters, ROOT),
@@ -47,6 +48,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     files.append(File.generated(config, "index.md", content=(ROOT / links.FRONT).read_text()))
     for name, text in made_pages().items():
         files.append(File.generated(config, name, content=text))
+    files.append(File.generated(config, over_time.PLOT, content=over_time.plot(ROOT)))
     for name in ASSETS:
         files.append(File.generated(config, f"assets/{name}", abs_src_path=str(Path(__file__).with_name(name))))
     for page, target in linked_outside(origins).items():

@@ -19,6 +19,12 @@ class RobustnessParameters(Section):
     single_grasps: bool = Field(
         False, description="Also measure single grasps in physics, not only merged ones; margins are always computed."
     )
+    merged_grasps: int | None = Field(
+        None,
+        ge=1,
+        description="Accepted merged grasps of each pair that are measured, the first in the order in which they were "
+        "tried, which is random; null measures all. Trials take measured grasps before others.",
+    )
     ladder: list[Annotated[float, Field(gt=0, le=5)]] = Field(
         [0.9, 0.7, 0.6, 0.5, 0.4, 0.3],
         description="Falling friction coefficients of every two touching bodies among which the lowest is sought at "
