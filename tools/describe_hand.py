@@ -15,7 +15,6 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from pipeline.hand.kinematics import link_poses
 from pipeline.hand.model import Hand, hand_of_file
 from pipeline.hand.moves import finger_joints
 from pipeline.hand.standard import standard_urdf
@@ -24,7 +23,16 @@ from pipeline.records.errors import UserError, one_sentence
 from pipeline.records.hands import DESCRIPTION, HANDS_FOLDER
 from pipeline.records.parameters.hand import FINGER_NAME, PALM
 from tools.finger_tree import FingerTree, finger_tree, spreading_link
-from tools.hand_guesses import HELD_RADIUS, Meeting, groups, inner_contacts, meeting, opposing, overlapping_pairs
+from tools.hand_guesses import (
+    HELD_RADIUS,
+    Meeting,
+    finger_bases,
+    groups,
+    inner_contacts,
+    meeting,
+    opposing,
+    overlapping_pairs,
+)
 from tools.palm_press import PalmFace, Press, Stretched, facing, palm_contacts, presser, presses, sampled, stretched
 
 DENSITY = 1000.0  # kg/m3
@@ -140,8 +148,7 @@ def _holding(hand: Hand, guesses: Guesses) -> dict[str, Any]:
 
 def _lying(hand: Hand, press: Press, face: PalmFace, along: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the rotation R_object_hand (3, 3) of a hand on its side: palm to +y, the pressing finger below."""
-    T = link_poses(hand, ((hand.lower + hand.upper) / 2)[None])[0]
-    base = {finger: T[hand.link(links[0]), :3, 3] for finger, links in hand.finger_links.items() if finger != PALM}
+    base = finger_bases(hand)
     up = np.cross(along, face.normal)
     above = np.mean([place for finger, place in base.items() if finger != press.finger], axis=0) - base[press.finger]
     sign = 1.0 if up @ above >= 0 else -1.0

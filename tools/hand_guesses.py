@@ -63,6 +63,12 @@ def tip_points(hand: Hand) -> dict[str, tuple[int, NDArray[np.float64]]]:
     return found
 
 
+def finger_bases(hand: Hand) -> dict[str, NDArray[np.float64]]:
+    """Return where every finger's first link is (3,), m, hand frame, with all joints in the middle of their range."""
+    T = link_poses(hand, ((hand.lower + hand.upper) / 2)[None])[0]
+    return {finger: T[hand.link(links[0]), :3, 3] for finger, links in hand.finger_links.items() if finger != PALM}
+
+
 def meeting(hand: Hand, opposed: Sequence[str] = (), radius: float = HELD_RADIUS) -> Meeting:
     """Return where the fingertips close best about a ball of some radius, m, among random postures.
 
@@ -95,8 +101,8 @@ def meeting(hand: Hand, opposed: Sequence[str] = (), radius: float = HELD_RADIUS
 
 def _crossed(hand: Hand, away: NDArray[np.float64], fingers: Sequence[str]) -> NDArray[np.float64]:
     """Return the share (n,) of fingers whose tips, ``away`` (n, fingers, 3) from the middle, are not on their side."""
-    rest = link_poses(hand, ((hand.lower + hand.upper) / 2)[None])[0]
-    bases = np.array([rest[hand.link(hand.finger_links[finger][0]), :3, 3] for finger in fingers])
+    at = finger_bases(hand)
+    bases = np.array([at[finger] for finger in fingers])
     return ((away * (bases - bases.mean(0))).sum(2) < 0).mean(1)
 
 

@@ -72,8 +72,8 @@ def published_runs() -> Iterator[dict[str, Any]]:
         commit, date = head.split()
         for file in filter(None, files):
             folder = str(Path(file).parent)
-            told = [json.loads(_git("show", f"{commit}:{folder}/{name}")) for name in (summary, durations)]
-            yield {"date": date, "commit": commit, "folder": folder, **row_of(*told)}
+            content = [json.loads(_git("show", f"{commit}:{folder}/{name}")) for name in (summary, durations)]
+            yield {"date": date, "commit": commit, "folder": folder, **row_of(*content)}
 
 
 def _git(*arguments: str) -> str:

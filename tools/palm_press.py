@@ -5,8 +5,9 @@ Guesses from random postures, for a description that a person then reads; see ``
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from pipeline.hand.model import Hand
 from pipeline.hand.moves import finger_joints
 from pipeline.hand.surface import farthest_points, hand_surface
 from pipeline.records.parameters.hand import PALM
-from tools.hand_guesses import Meeting, distance_to_link, outward_normals, tip_points
+from tools.hand_guesses import Meeting, distance_to_link, finger_bases, outward_normals, tip_points
 
 POSTURES = 6000  # random ones
 RADII = (0.035, 0.03, 0.025, 0.02)  # m, of upright cylinders against the palm, from the loosest grip to the tightest
@@ -30,9 +31,7 @@ LEVEL = 0.006  # m, from the palm's height
 LEAST_AREA = 12  # points of the palm that look so, of `SURFACE` on the hand
 SURFACE = 4000
 PALM_CONTACTS = 16
-BESIDE = (
-    0.4  # of the way from the fingers' bases to where they meet: if less is across the fingers, they stand about it
-)
+BESIDE = 0.4  # of the way from the fingers' bases to where they meet: with less across, fingers stand about the palm
 FIRST, BENDS = 3, 3  # of a holding finger: angles of its first joint, rows of the others
 
 
@@ -105,48 +104,41 @@ def facing(hand: Hand, found: Meeting, straight: Mapping[str, Stretched], opposi
     along = np.mean([own.way for own in fingers], axis=0)
     along /= max(np.linalg.norm(along), 1e-9)
     across = towards - (towards @ along) * along
-    T = link_poses(hand, ((hand.lower + hand.upper) / 2)[None])[0]
     about = np.linalg.norm(across) < BESIDE * np.linalg.norm(towards)
     normal = found.centre if about else across
-    points, normals = _flat(hand, T, normal / np.linalg.norm(normal))
+    flats = list(_flat(hand, normal / np.linalg.norm(normal)))
+    points = np.concatenate([np.zeros((0, 3)), *(own @ T[:3, :3].T + T[:3, 3] for _, own, _, T in flats)])
     if len(points):
-        normal = normals.mean(0)
+        normal = np.concatenate([own @ T[:3, :3].T for _, _, own, T in flats]).mean(0)
     normal = normal / np.linalg.norm(normal)
     return PalmFace(normal, None if about else along, points)
 
 
 def _flat(
-    hand: Hand, T_hand_link: NDArray[np.float64], normal: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return points of the palm's surface that look about along a direction, and their normals, (n, 3), hand frame."""
+    hand: Hand, normal: NDArray[np.float64]
+) -> Iterator[tuple[str, NDArray[np.float64], NDArray[np.float64], Any]]:
+    """Yield what of each link of the palm looks about along a direction: points, their normals (n, 3), link frame.
+
+    With each its link, and that link's pose T_hand_link (4, 4).
+    """
     owner, local = hand_surface(SURFACE, hand)
-    points, normals = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    T_hand_link = link_poses(hand, ((hand.lower + hand.upper) / 2)[None])[0]
     for name in hand.finger_links.get(PALM, ()):
         link = hand.link(name)
-        own = local[owner == link]
-        if len(own):
-            looks = outward_normals(hand, link, own) @ T_hand_link[link, :3, :3].T
-            chosen = (looks @ normal > FLAT) & (np.abs(distance_to_link(hand, link, own)) < 1e-6)
-            points.append(own[chosen] @ T_hand_link[link, :3, :3].T + T_hand_link[link, :3, 3])
-            normals.append(looks[chosen])
-    return np.concatenate(points), np.concatenate(normals)
+        points = local[owner == link]
+        if len(points):
+            normals = outward_normals(hand, link, points)
+            chosen = normals @ T_hand_link[link, :3, :3].T @ normal > FLAT
+            chosen &= np.abs(distance_to_link(hand, link, points)) < 1e-6
+            yield name, points[chosen], normals[chosen], T_hand_link[link]
 
 
 def palm_contacts(hand: Hand, face: PalmFace) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
     """Return contact candidates of the palm by link, points and normals (n, 3), link frames."""
-    owner, local = hand_surface(SURFACE, hand)
-    T_hand_link = link_poses(hand, ((hand.lower + hand.upper) / 2)[None])[0]
     contacts = {}
-    for name in hand.finger_links.get(PALM, ()):
-        link = hand.link(name)
-        points = local[owner == link]
-        if not len(points):
-            continue
-        R, t = T_hand_link[link, :3, :3], T_hand_link[link, :3, 3]
-        normals = outward_normals(hand, link, points)
-        level = np.abs((points @ R.T + t) @ face.normal - face.height) < LEVEL
-        exposed = np.abs(distance_to_link(hand, link, points)) < 1e-6
-        chosen = np.flatnonzero((normals @ R.T @ face.normal > FLAT) & level & exposed)
+    for name, points, normals, T in _flat(hand, face.normal):
+        height = (points @ T[:3, :3].T + T[:3, 3]) @ face.normal
+        chosen = np.flatnonzero(np.abs(height - face.height) < LEVEL)
         if len(chosen):
             chosen = chosen[farthest_points(points[chosen], min(len(chosen), PALM_CONTACTS))]
             contacts[name] = points[chosen], normals[chosen]
@@ -161,11 +153,11 @@ def presses(hand: Hand, face: PalmFace, q: NDArray[np.float64]) -> dict[str, Pre
     """
     if face.along is None or len(face.points) < LEAST_AREA:
         return {}
-    found = {}
+    found, T = {}, link_poses(hand, q)
     for finger in tip_points(hand):
         joints, by_radius = finger_joints([finger], hand), {}
         for radius in RADII:
-            best = _pressing(hand, finger, face, face.along, radius, q)
+            best = _pressing(hand, finger, face, face.along, radius, q, T)
             if len(best):
                 by_radius[radius] = q[np.ix_(best, joints)]
         if NEEDED not in by_radius or not len(joints):
@@ -185,6 +177,7 @@ def _pressing(
     fingers: NDArray[np.float64],
     radius: float,
     q: NDArray[np.float64],
+    T: NDArray[np.float64],
 ) -> NDArray[np.int64]:
     """Return the rows of q (n, J) in which a finger presses a cylinder against the palm, the best first.
 
@@ -193,12 +186,12 @@ def _pressing(
 
     Args:
         fingers: (3,) unit, the way that they point, hand frame.
+        T: (n, L, 4, 4) T_hand_link at q.
     """
     owner, local = hand_surface(SURFACE, hand)
     link = hand.link(hand.finger_links[finger][-1])
     middle = local[owner == link].mean(0)
     reach = radius + np.linalg.norm(local[owner == link] - middle, axis=1).mean()  # from the axis to the tip's middle
-    T = link_poses(hand, q)
     tip = points_on_links(T, np.array([link]), middle[None])[:, 0]
     over, along = tip @ face.normal - face.height - radius, tip @ fingers
     axis = along - np.sqrt(np.maximum(reach**2 - over**2, 0.0))
@@ -230,11 +223,6 @@ def presser(hand: Hand, found: Mapping[str, Press], opposing: Sequence[str]) -> 
     able = [finger for finger in found if finger not in opposing]
     if not able or len(tip_points(hand)) < 3:
         return None
-    T = link_poses(hand, ((hand.lower + hand.upper) / 2)[None])[0]
-
-    def base(finger: str) -> NDArray[np.float64]:
-        place: NDArray[np.float64] = T[hand.link(hand.finger_links[finger][0]), :3, 3]
-        return place
-
-    others = [base(finger) for finger in opposing if finger != PALM] or [base(finger) for finger in tip_points(hand)]
-    return max(able, key=lambda finger: float(np.linalg.norm(base(finger) - np.mean(others, axis=0))))
+    bases = finger_bases(hand)
+    others = [bases[finger] for finger in opposing if finger != PALM] or list(bases.values())
+    return max(able, key=lambda finger: float(np.linalg.norm(bases[finger] - np.mean(others, axis=0))))

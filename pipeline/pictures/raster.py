@@ -55,8 +55,8 @@ class Raster:
         self.caster = self._filled(edge**2, NOTHING, np.int32)
         self.bare, self.pixels = (self._filled((width * height, 3), 0, np.uint8) for _ in range(2))
         self.spots = self._filled((width * height, 3), 0.0, np.float32)
-        told = [self.scene, self.view, self.light, self.bare, self.spots.view(warp().vec3)]
-        self._launch(raster_kernel.shade_floor, width * height, told)
+        inputs = [self.scene, self.view, self.light, self.bare, self.spots.view(warp().vec3)]
+        self._launch(raster_kernel.shade_floor, width * height, inputs)
 
     def picture(self, poses: Sequence[NDArray[np.float64]]) -> NDArray[np.uint8]:
         """Return a picture (height, width, 3), sRGB.
@@ -82,8 +82,8 @@ class Raster:
         self._launch(kernel.highest_around, len(self.cells), [self.cells, light.around])
         self._launch(kernel.cover, 1, [seen, faces, view.width, view.height, 0.0, self.nearest, self.owner])
         spots = self.spots.view(wp.vec3)
-        told = [scene, view, light, self.highest, seen, self.owner, self.bare, spots, self.pixels]
-        self._launch(kernel.shade, self.width * self.height, told)
+        inputs = [scene, view, light, self.highest, seen, self.owner, self.bare, spots, self.pixels]
+        self._launch(kernel.shade, self.width * self.height, inputs)
         return self.pixels.numpy().reshape(self.height, self.width, 3).copy()
 
     def _launch(self, function: Any, count: int, inputs: list[Any]) -> None:
