@@ -44,8 +44,9 @@ def test_a_plain_capture(plain):
     for name, item in metrics["objects"].items():
         supported = item["supported_by"]
         assert sum(supported.values()) == pytest.approx(1) and supported["0"] < 1 - item["seen_share"] + 0.15
+        # A pixel is 0.8 mm wide there, and a window of seven pixels widens every edge by one or two.
         size = shapes()[name].vertices
-        assert np.allclose(item["extents_mm"], 1000 * np.ptp(size, axis=0), atol=3)
+        assert np.allclose(item["extents_mm"], 1000 * np.ptp(size, axis=0), atol=4)
     for name, item in result.objects.items():
         # Samples lie on the mesh, in a frame whose origin is the centre of mass.
         mesh = trimesh.Trimesh(item.vertices, item.faces, process=False)
