@@ -20,6 +20,7 @@ from pipeline.reconstruct.plane_sweep import (
     sweep,
     window_of,
 )
+from pipeline.reconstruct.silhouettes import Bound, bound_of
 from pipeline.reconstruct.surface import Surface, belongs_to, poisson_surface
 from pipeline.reconstruct.views import View
 from pipeline.reconstruct.visibility import Bodies
@@ -28,6 +29,7 @@ from pipeline.records.errors import UserError
 from pipeline.records.parameters.reconstruct import SurfaceParameters, SweepParameters
 
 LEAST_VIEWS = 3
+OUTSIDE = 0.0015  # m, by which a point may be measured outside of what photos leave for its object
 TURNS = 3  # one sweep of planes, then along the surface of the turn before
 
 
@@ -96,8 +98,10 @@ def _tasks(views: Sequence[View], scene: Scene, name: str, sweeping: SweepParame
     return tasks
 
 
-def _own(points: Points, scene: Scene, number: int, settings: SurfaceParameters) -> Points:
+def _own(points: Points, scene: Scene, number: int, settings: SurfaceParameters, bound: Bound | None) -> Points:
     mine = belongs_to(points.positions, scene, settings) == number
+    if bound is not None:
+        mine &= bound.distance(points.positions) < OUTSIDE
     return replace(points, positions=points.positions[mine], towards=points.towards[mine])
 
 
@@ -116,6 +120,7 @@ def dense_objects(
     found: dict[str, DenseObject] = {}
     plainly: dict[str, list[DepthMap]] = {}
     tasks = {name: _tasks(views, scene, name, sweeping, settings.margin) for name in scene.objects}
+    bounds = {name: bound_of(views, item, scene.support_plane, settings.margin) for name, item in scene.objects.items()}
     for turn in range(TURNS):
         if turn:
             surfaces = tuple(found[name].surface for name in tasks)
@@ -127,10 +132,10 @@ def dense_objects(
             if not turn:
                 plainly[name] = mine
             fused = fuse(views, mine, sweeping, plainly[name], scene.support_plane)
-            points = thinned(_own(fused, scene, number, settings), sweeping.voxel)
+            points = thinned(_own(fused, scene, number, settings, bounds[name]), sweeping.voxel)
             check_at_rest(name, points.contradictions, mine, [view.name for view in views])
             # A surface to follow need not show the last detail, but must be smooth.
             rougher = settings.model_copy(update={"poisson_depth": settings.poisson_depth - (turn < TURNS - 1)})
-            surface = poisson_surface(points, scene.support_plane, sweeping.voxel, rougher, name)
+            surface = poisson_surface(points, scene.support_plane, sweeping.voxel, rougher, name, bounds[name])
             found[name] = DenseObject(points, surface, {task.shown[0]: task.window for task in own}, tuple(mine))
     return found

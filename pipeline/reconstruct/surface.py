@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pipeline.reconstruct.fusion import Points
+from pipeline.reconstruct.silhouettes import Bound
 from pipeline.records.captures import Scene
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.reconstruct import SurfaceParameters
@@ -196,12 +197,20 @@ def closed_at_support(
     return Surface(np.asarray(mesh.vert_properties, np.float64)[:, :3], np.asarray(mesh.tri_verts, np.int64))
 
 
-def poisson_surface(points: Points, support: float, spacing: float, settings: SurfaceParameters, name: str) -> Surface:
+def poisson_surface(
+    points: Points,
+    support: float,
+    spacing: float,
+    settings: SurfaceParameters,
+    name: str,
+    bound: Bound | None = None,
+) -> Surface:
     """Return the closed surface through the points of one object.
 
     Args:
         support: z of the plane on which it stands, m.
         spacing: of the points, m.
+        bound: how far it may reach, if photos tell.
 
     Raises:
         UserError: there are too few points, or they enclose nothing.
@@ -228,6 +237,8 @@ def poisson_surface(points: Points, support: float, spacing: float, settings: Su
         mesh.remove_degenerate_triangles()
         mesh.remove_unreferenced_vertices()
         vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles, np.int64)
+        if bound is not None:
+            vertices = bound.drawn_in(vertices)
         closed = closed_at_support(vertices, faces, support, positions + spacing * normals)
         if closed is not None:
             return closed
