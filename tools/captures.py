@@ -6,6 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
+import numpy as np
 import yaml
 from pydantic import ValidationError
 
@@ -13,7 +14,7 @@ from pipeline.records.captures import read_capture
 from pipeline.records.errors import UserError, first_mistake
 from pipeline.records.parameters import read_parameters
 from pipeline.records.tag_layouts import TAG_FAMILIES, TagLayout
-from pipeline.records.writing import whole_file
+from pipeline.records.writing import check_writable, whole_file
 from pipeline.stages.running import command
 
 DOUBTFUL = 1  # exit code of `check` when it finds a problem
@@ -75,28 +76,42 @@ def print_tags(chosen: argparse.Namespace) -> None:
     print(yaml.safe_dump(layout.model_dump(mode="json", exclude_none=True), sort_keys=False), end="")
 
 
-def check(folder: Path) -> int:
-    """Print the problems of a capture and return the exit code."""
+def check(folder: Path, picture: Path) -> int:
+    """Print the problems of a capture, draw it, and return the exit code."""
     capture = read_capture(folder)
     from pipeline.compute.progress import watched
-    from pipeline.reconstruct.inspection import camera_sentences, sentences
+    from pipeline.reconstruct.check_picture import Shown, check_picture, shown_best
+    from pipeline.reconstruct.coverage import coverage_sentences, looks_at_all, posed_photos
+    from pipeline.reconstruct.inspection import camera_sentences, cameras_told, sentences
     from pipeline.reconstruct.normal_maps import normal_files
-    from pipeline.reconstruct.photos import read_photos
+    from pipeline.reconstruct.photos import read_colours, read_photos, shrunk
     from pipeline.reconstruct.reconstruction import tags_in_photos
 
+    check_writable(picture)
     photos = read_photos(capture, read_parameters().reconstruct.largest_side)
     if capture.intrinsics is not None:
         capture.intrinsics.check_sizes({photo.name: photo.file_size for photo in photos})
     normal_files(capture, photos)
     seen = tags_in_photos(capture, list(watched(photos, len(photos), "looking for tags")))
-    doubts, told = camera_sentences(photos, seen, capture.tags)
-    found = sentences(capture, photos, seen) + doubts
+    cameras, layout = cameras_told(photos, seen, capture.tags)
+    doubts, told = camera_sentences(photos, cameras)
+    posed = posed_photos(photos, cameras)
+    looks = looks_at_all(capture.scene, posed)
+    found = sentences(capture, photos, seen) + doubts + (coverage_sentences(looks) if posed else [])
     for sentence in found:
         print(sentence)
     tags = sum(len(its.tags) for its in seen.values())
     known = "tags" if capture.tags.solved else f"{len(capture.tags.numbers())} tags"
     if told:
         print(f"By the tags: {told}.")
+    shown = Shown(capture.scene, layout, posed, seen, looks)
+    name = shown_best([photo.name for photo in photos], posed, seen)
+    times = next(photo.times for photo in photos if photo.name == name)
+    colours = read_colours(next(path for path in capture.images if path.stem == name))
+    drawn = check_picture(shown, name, np.asarray(shrunk(colours, times).round(), np.uint8))
+    with whole_file(picture) as temporary:
+        temporary.write_bytes(drawn)
+    print(f"{picture}: cameras, tags and boxes, and from where each object is seen.")
     print(
         f"{folder}: {len(photos)} photos, {tags} sightings of {known}, "
         f"{len(capture.scene.objects)} objects; {'see above' if found else 'no problems found'}."
@@ -122,9 +137,11 @@ def main(arguments: list[str] | None = None) -> int:
     printing.add_argument("--page", choices=["a4", "letter"], default="a4")
     checking = commands.add_parser("check", help="report problems of a capture folder (exit code 1 if there are any)")
     checking.add_argument("folder", type=Path)
+    checking.add_argument("--picture", type=Path, help="PNG to write (reports/captures/<name of the folder>.png)")
     chosen = parser.parse_args(arguments)
     if chosen.command == "check":
-        return check(chosen.folder)
+        name = f"{chosen.folder.resolve().name}.png"
+        return check(chosen.folder, chosen.picture or Path("reports/captures") / name)
     print_tags(chosen)
     return 0
 

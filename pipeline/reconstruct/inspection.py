@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from pipeline.reconstruct.camera_checks import check_lenses
 from pipeline.reconstruct.detection import Seen, Sightings
 from pipeline.reconstruct.photos import Photo
-from pipeline.reconstruct.tag_cameras import cameras_from_tags, guessed_lenses, lens_groups, solved_layout
+from pipeline.reconstruct.tag_cameras import (
+    TagCameras,
+    cameras_from_tags,
+    guessed_lenses,
+    lens_groups,
+    solved_layout,
+)
 from pipeline.records.captures import Capture
 from pipeline.records.errors import UserError
 from pipeline.records.tag_layouts import TagLayout
@@ -112,16 +118,23 @@ def tag_sentences(capture: Capture, seen: Mapping[str, Seen]) -> list[str]:
     return found
 
 
-def camera_sentences(photos: Sequence[Photo], seen: Mapping[str, Seen], layout: TagLayout) -> tuple[list[str], str]:
-    """Return what is doubtful about the cameras that the tags alone tell, and what they tell in short."""
-    sizes, lens_of = lens_groups(photos)
+def cameras_told(
+    photos: Sequence[Photo], seen: Mapping[str, Seen], layout: TagLayout
+) -> tuple[TagCameras | None, TagLayout]:
+    """Return the cameras that the tags alone tell, None where they tell none, and the layout: as given, or as found."""
     known = {photo.size: photo.focal for photo in photos if photo.focal is not None}
     sightings = {name: its.tags for name, its in seen.items()}
-    cameras = cameras_from_tags(photos, sightings, layout, guessed_lenses(sizes, known))
+    cameras = cameras_from_tags(photos, sightings, layout, guessed_lenses(lens_groups(photos)[0], known))
+    if cameras is not None and layout.solved:
+        layout, cameras = solved_layout(cameras, layout)
+    return cameras, layout
+
+
+def camera_sentences(photos: Sequence[Photo], cameras: TagCameras | None) -> tuple[list[str], str]:
+    """Return what is doubtful about the cameras that the tags alone tell, and what they tell in short."""
     if cameras is None:
         return ["The tags tell no camera; keep two or more in view of every photo."], ""
-    if layout.solved:
-        layout, cameras = solved_layout(cameras, layout)
+    sizes, lens_of = lens_groups(photos)
     found = []
     poses = cameras.poses()
     unposed = [photo.name for photo in photos if photo.name not in poses]
