@@ -1,4 +1,4 @@
-"""`./dev capture`: print a sheet of tags, or check a folder of photos."""
+"""`./dev capture`: print a sheet of tags, take photos out of a video, or check a folder of photos."""
 
 from __future__ import annotations
 
@@ -14,11 +14,23 @@ from pipeline.records.captures import read_capture
 from pipeline.records.errors import UserError, first_mistake
 from pipeline.records.parameters import read_parameters
 from pipeline.records.tag_layouts import TAG_FAMILIES, TagLayout
-from pipeline.records.writing import check_writable, whole_file
+from pipeline.records.writing import check_writable, whole_file, whole_folder
 from pipeline.stages.running import command
 
 DOUBTFUL = 1  # exit code of `check` when it finds a problem
-
+TEMPLATES = {
+    "tags.yaml": """\
+family: aruco_6x6_250   # as ./dev capture print-tags printed it
+size: 0.024             # m, measured on the paper
+board: {kind: grid, columns: 5, rows: 7, gap: 0.007}
+""",
+    "scene.yaml": """\
+objects:
+  apple:                      # one entry per object
+    position: [0.0, 0.0]      # m, its middle on the sheet
+    box: [0.09, 0.09, 0.09]   # m, a box around it
+""",
+}
 
 KINDS = {  # family, convention and border that are printed unless the user says otherwise
     "tags": ("tag36h11", "opencv", 1),
@@ -119,9 +131,30 @@ def check(folder: Path, picture: Path) -> int:
     return DOUBTFUL if found else 0
 
 
-@command("capture")
-def main(arguments: list[str] | None = None) -> int:
-    """Run the command."""
+def from_video(chosen: argparse.Namespace) -> None:
+    """Write photos out of a video, and say what to do next."""
+    images = chosen.out / "images"
+    if images.exists() and not chosen.force and (not images.is_dir() or any(images.iterdir())):
+        raise UserError(f"{images} exists; choose another --out, or add --force to replace these photos.")
+    check_writable(images)
+    from pipeline.compute.progress import watched
+    from pipeline.reconstruct.video import check_survey, chosen_frames, survey, write_frames
+
+    found = survey(chosen.video, lambda frames, total: watched(frames, total, "looking at frames"))
+    check_survey(chosen.video, found, chosen.count)
+    numbers = chosen_frames(found, chosen.count)
+    with whole_folder(images) as temporary:
+        write_frames(chosen.video, numbers, temporary)
+    print(f"{images}: {len(numbers)} of {len(found.moved)} frames.")
+    if len(numbers) < chosen.count:
+        print(f"The camera moved too fast for {chosen.count} photos; film more slowly, or ask for fewer.")
+    for name, text in TEMPLATES.items():
+        if not (chosen.out / name).exists():
+            print(f"Write {chosen.out / name}, such as:\n{text}", end="")
+    print(f"Then run ./dev capture check {chosen.out}")
+
+
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="./dev capture", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
     printing = commands.add_parser("print-tags", help="write a PDF of tags in true size, with a ruler")
@@ -138,11 +171,27 @@ def main(arguments: list[str] | None = None) -> int:
     checking = commands.add_parser("check", help="report problems of a capture folder (exit code 1 if there are any)")
     checking.add_argument("folder", type=Path)
     checking.add_argument("--picture", type=Path, help="PNG to write (reports/captures/<name of the folder>.png)")
-    chosen = parser.parse_args(arguments)
+    filming = commands.add_parser("from-video", help="take sharp, evenly spread frames of a video as photos")
+    filming.add_argument("video", type=Path)
+    filming.add_argument(
+        "--out", type=Path, required=True, help="folder of the capture; the photos go to images/ in it"
+    )
+    filming.add_argument("--count", type=int, default=40, choices=range(3, 501), metavar="3..500")
+    filming.add_argument("--force", action="store_true", help="replace photos that are there")
+    return parser
+
+
+@command("capture")
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command."""
+    chosen = _parser().parse_args(arguments)
     if chosen.command == "check":
         name = f"{chosen.folder.resolve().name}.png"
         return check(chosen.folder, chosen.picture or Path("reports/captures") / name)
-    print_tags(chosen)
+    if chosen.command == "from-video":
+        from_video(chosen)
+    else:
+        print_tags(chosen)
     return 0
 
 

@@ -34,11 +34,11 @@ SAME_PICTURE = 3  # grey values, by which thumbnails of one picture differ at mo
 SIZES_TRIED = np.exp(np.linspace(np.log(0.5), np.log(2.0), 281))
 
 
-def sharpness(photo: Photo) -> float:
-    """Return how much of a photo's contrast is in its finest detail: variance of its Laplacian over its variance."""
-    scale = 960 / max(photo.size)
-    grey = cv2.resize(photo.grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else photo.grey
-    return float(cv2.Laplacian(grey, cv2.CV_32F).var() / max(float(grey.var()), 1.0))
+def sharpness_of(grey: NDArray[np.uint8]) -> float:
+    """Return how much of the contrast (h, w) is in the finest detail: variance of the Laplacian over its own."""
+    scale = 960 / max(grey.shape)
+    small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else grey
+    return float(cv2.Laplacian(small, cv2.CV_32F).var() / max(float(small.var()), 1.0))
 
 
 def _misfit(seen: Sightings, corners: Mapping[int, NDArray[np.float64]]) -> float:
@@ -165,7 +165,7 @@ def sentences(capture: Capture, photos: Sequence[Photo], seen: Mapping[str, Seen
     found = [f"{one} and {other} are the same picture; remove one." for one, other in same_pictures(photos)]
     if len(photos) < FEW_PHOTOS:
         found.append(f"There are only {len(photos)} photos; take at least {FEW_PHOTOS}, better 24, all around.")
-    values = {photo.name: sharpness(photo) for photo in photos}
+    values = {photo.name: sharpness_of(photo.grey) for photo in photos}
     middle = float(np.median(list(values.values())))
     found += [
         f"{name} is blurred ({value / middle:.0%} of the usual sharpness); take it again or remove it."
