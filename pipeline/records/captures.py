@@ -2,7 +2,7 @@
 
 Layout::
 
-    images/            photos, JPEG or PNG, any sizes; EXIF orientation is honoured
+    images/            photos, JPEG, PNG or HEIC, any sizes; EXIF orientation is honoured
     tags.yaml          family and size of the tags, and where they lie (``tag_layouts.py``)
     scene.yaml         the support plane, and per object where it stands and the box that encloses it
     intrinsics.yaml    optional: a calibrated camera; estimated from the photos when absent
@@ -33,7 +33,7 @@ from pipeline.records.poses import pose_matrix
 from pipeline.records.tag_layouts import Strict, TagLayout
 from pipeline.records.texts import parse_json, parse_yaml
 
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".heic", ".heif")
 BESIDE_SUFFIXES = {"masks": (".png",), "normals": (".npy", ".png")}  # the first that exists is taken
 # How many of a lens model's parameters are focal lengths, and how many there are in all; the principal point follows
 # the focal lengths (https://colmap.github.io/cameras.html).
@@ -178,8 +178,8 @@ def _images(folder: Path) -> tuple[Path, ...]:
     foreign = [path for path in present if path.suffix.lower() not in IMAGE_SUFFIXES or path.is_dir()]
     if foreign:
         raise UserError(
-            f"{foreign[0]} is neither JPEG nor PNG ({len(foreign)} such files); "
-            "convert photos of other kinds, such as HEIC, to JPEG, and put other files elsewhere."
+            f"{foreign[0]} is neither JPEG nor PNG nor HEIC ({len(foreign)} such files); "
+            "convert photos of other kinds to JPEG, and put other files elsewhere."
         )
     stems = [path.stem for path in present]
     double = next((stem for stem in stems if stems.count(stem) > 1), None)
