@@ -235,6 +235,23 @@ def _check_scene(path: Path, scene: Scene) -> None:
             )
 
 
+def read_tags(path: Path) -> TagLayout:
+    """Read ``tags.yaml``; raises as :func:`read_capture`."""
+    return _read_yaml(path, TagLayout)
+
+
+def read_scene(path: Path) -> Scene:
+    """Read and check ``scene.yaml``; raises as :func:`read_capture`."""
+    scene = _read_yaml(path, Scene)
+    _check_scene(path, scene)
+    return scene
+
+
+def read_intrinsics(path: Path) -> Intrinsics:
+    """Read ``intrinsics.yaml``; raises as :func:`read_capture`."""
+    return _read_yaml(path, Intrinsics)
+
+
 def read_capture(folder: Path) -> Capture:
     """Read and check the text files of a capture, and list its photos.
 
@@ -248,11 +265,9 @@ def read_capture(folder: Path) -> Capture:
         raise UserError(f"the capture folder {folder} is missing; {mend}.")
     images = _images(folder)
     _check_beside(folder, images)
-    tags = _read_yaml(folder / "tags.yaml", TagLayout)
-    scene = _read_yaml(folder / "scene.yaml", Scene)
-    _check_scene(folder / "scene.yaml", scene)
+    tags, scene = read_tags(folder / "tags.yaml"), read_scene(folder / "scene.yaml")
     source = folder / "intrinsics.yaml"
-    return Capture(folder, images, tags, scene, _read_yaml(source, Intrinsics) if source.exists() else None)
+    return Capture(folder, images, tags, scene, read_intrinsics(source) if source.exists() else None)
 
 
 @dataclass(frozen=True)
