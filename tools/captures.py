@@ -1,4 +1,4 @@
-"""`./dev capture`: print a sheet of tags, take photos out of a video, or check a folder of photos."""
+"""`./dev capture`: print a sheet of tags, take photos out of a video, check a folder of photos, and more."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import yaml
 from pydantic import ValidationError
 
-from pipeline.records.captures import read_capture
+from pipeline.records.captures import read_capture, read_intrinsics, read_scene, read_tags
 from pipeline.records.errors import UserError, first_mistake
 from pipeline.records.parameters import read_parameters
 from pipeline.records.tag_layouts import TAG_FAMILIES, TagLayout
@@ -154,6 +154,53 @@ def from_video(chosen: argparse.Namespace) -> None:
     print(f"Then run ./dev capture check {chosen.out}")
 
 
+def from_depth(chosen: argparse.Namespace) -> None:
+    """Write the points of every object of a scene that one depth picture shows."""
+    if (chosen.photo is None) != (chosen.tags is None):
+        raise UserError("--photo and --tags belong together; give both, or neither.")
+    scene, intrinsics = read_scene(chosen.scene), read_intrinsics(chosen.intrinsics)
+    layout = read_tags(chosen.tags) if chosen.tags else None
+    there = next((name for name in scene.objects if (chosen.out / name).exists()), None)
+    if there is not None and not chosen.force:
+        raise UserError(f"{chosen.out / there} exists; choose another --out, or add --force to replace it.")
+    check_writable(chosen.out / "points")
+    from pipeline.reconstruct.depth import lifted, partial_clouds, pose_by_support, pose_by_tags, read_depth
+    from pipeline.reconstruct.lens import Lens
+    from pipeline.reconstruct.photos import read_grey
+    from pipeline.records.reconstructions import write_partial_cloud
+
+    depth, lens = read_depth(chosen.depth), Lens.calibrated(intrinsics)
+    grey = read_grey(chosen.photo) if layout else None
+    intrinsics.check_sizes({str(chosen.depth): depth.shape[::-1]})
+    points, settings = lifted(depth, lens), read_parameters()
+    if layout is None or grey is None:
+        T = pose_by_support(points, settings.seed)
+    else:
+        intrinsics.check_sizes({str(chosen.photo): grey.shape[::-1]})
+        T = pose_by_tags(grey, layout, lens, depth)
+    for name, cloud in partial_clouds(points, T, scene, settings.reconstruct.surface).items():
+        write_partial_cloud(chosen.out / name, cloud.points, cloud.normals, cloud.T_scene_object)
+        print(f"{chosen.out / name}/points.npy: {len(cloud.points)} points of {name}, as one camera sees it.")
+    print("For grasps: python -m pipeline.sample --object0 FILE --object1 FILE, with two of these files.")
+
+
+def normals(chosen: argparse.Namespace) -> None:
+    """Write the normal maps of a capture's photos."""
+    capture, folder = read_capture(chosen.folder), chosen.folder / "normals"
+    if folder.is_dir() and any(folder.iterdir()) and not chosen.force:
+        raise UserError(f"{folder} exists; add --force to replace what is there.")
+    check_writable(folder)
+    from pipeline.compute.progress import watched
+    from pipeline.reconstruct.normal_network import convention, load_network, normals_of
+    from pipeline.reconstruct.photos import read_colours
+
+    network = load_network(chosen.model, convention(chosen.scale, chosen.axes))
+    with whole_folder(folder) as temporary:
+        for path in watched(capture.images, len(capture.images), "normals"):
+            np.save(temporary / f"{path.stem}.npy", normals_of(network, read_colours(path), path.name))
+    print(f"{folder}: normals of {len(capture.images)} photos; `reconstruct.method: 2dgs` uses them.")
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="./dev capture", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
@@ -178,6 +225,20 @@ def _parser() -> argparse.ArgumentParser:
     )
     filming.add_argument("--count", type=int, default=40, choices=range(3, 501), metavar="3..500")
     filming.add_argument("--force", action="store_true", help="replace photos that are there")
+    depths = commands.add_parser("from-depth", help="take the points of objects out of one depth picture")
+    depths.add_argument("--depth", type=Path, required=True, help="PNG of 16 bits in mm, or .npy in m")
+    depths.add_argument("--intrinsics", type=Path, required=True, help="its camera, an intrinsics.yaml")
+    depths.add_argument("--scene", type=Path, required=True, help="where the objects are, a scene.yaml")
+    depths.add_argument("--photo", type=Path, help="by the same camera, as large as the depth picture, with tags")
+    depths.add_argument("--tags", type=Path, help="where they lie, a tags.yaml; without: the largest plane is z = 0")
+    depths.add_argument("--out", type=Path, required=True, help="folder to write to, one folder per object")
+    depths.add_argument("--force", action="store_true", help="replace objects that are there")
+    mapping = commands.add_parser("normals", help="make the normal maps of a capture by an ONNX network")
+    mapping.add_argument("folder", type=Path)
+    mapping.add_argument("--model", type=Path, required=True, help="the network, an .onnx file")
+    mapping.add_argument("--axes", default="right,down,forward", help="where the network's x, y and z point")
+    mapping.add_argument("--scale", choices=["imagenet", "zero-one", "minus-one-one"], default="imagenet")
+    mapping.add_argument("--force", action="store_true", help="replace normals that are there")
     return parser
 
 
@@ -190,6 +251,10 @@ def main(arguments: list[str] | None = None) -> int:
         return check(chosen.folder, chosen.picture or Path("reports/captures") / name)
     if chosen.command == "from-video":
         from_video(chosen)
+    elif chosen.command == "from-depth":
+        from_depth(chosen)
+    elif chosen.command == "normals":
+        normals(chosen)
     else:
         print_tags(chosen)
     return 0

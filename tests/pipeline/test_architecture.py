@@ -33,7 +33,7 @@ LATE = {
     ),
     *("torch", "trimesh", "viser", "warp"),
     *("dvc", "dvc_data"),
-    "pi_heif",
+    *("onnxruntime", "pi_heif"),
     *("cloudpickle", "dask", "distributed", "threadpoolctl"),
 }
 OUTSIDE = {"seqgrasp", "tools", "tests", "benchmarks", "examples"}
