@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from pipeline.reconstruct.camera_checks import check_lenses
 from pipeline.reconstruct.detection import Seen, Sightings
 from pipeline.reconstruct.photos import Photo
-from pipeline.reconstruct.tag_cameras import cameras_from_tags, guessed_lenses, lens_groups, solved_layout
+from pipeline.reconstruct.tag_cameras import (
+    TagCameras,
+    cameras_from_tags,
+    guessed_lenses,
+    lens_groups,
+    solved_layout,
+)
 from pipeline.records.captures import Capture
 from pipeline.records.errors import UserError
 from pipeline.records.tag_layouts import TagLayout
@@ -28,11 +34,11 @@ SAME_PICTURE = 3  # grey values, by which thumbnails of one picture differ at mo
 SIZES_TRIED = np.exp(np.linspace(np.log(0.5), np.log(2.0), 281))
 
 
-def sharpness(photo: Photo) -> float:
-    """Return how much of a photo's contrast is in its finest detail: variance of its Laplacian over its variance."""
-    scale = 960 / max(photo.size)
-    grey = cv2.resize(photo.grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else photo.grey
-    return float(cv2.Laplacian(grey, cv2.CV_32F).var() / max(float(grey.var()), 1.0))
+def sharpness_of(grey: NDArray[np.uint8]) -> float:
+    """Return how much of the contrast (h, w) is in the finest detail: variance of the Laplacian over its own."""
+    scale = 960 / max(grey.shape)
+    small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else grey
+    return float(cv2.Laplacian(small, cv2.CV_32F).var() / max(float(small.var()), 1.0))
 
 
 def _misfit(seen: Sightings, corners: Mapping[int, NDArray[np.float64]]) -> float:
@@ -112,16 +118,23 @@ def tag_sentences(capture: Capture, seen: Mapping[str, Seen]) -> list[str]:
     return found
 
 
-def camera_sentences(photos: Sequence[Photo], seen: Mapping[str, Seen], layout: TagLayout) -> tuple[list[str], str]:
-    """Return what is doubtful about the cameras that the tags alone tell, and what they tell in short."""
-    sizes, lens_of = lens_groups(photos)
+def cameras_told(
+    photos: Sequence[Photo], seen: Mapping[str, Seen], layout: TagLayout
+) -> tuple[TagCameras | None, TagLayout]:
+    """Return the cameras that the tags alone tell, None where they tell none, and the layout: as given, or as found."""
     known = {photo.size: photo.focal for photo in photos if photo.focal is not None}
     sightings = {name: its.tags for name, its in seen.items()}
-    cameras = cameras_from_tags(photos, sightings, layout, guessed_lenses(sizes, known))
+    cameras = cameras_from_tags(photos, sightings, layout, guessed_lenses(lens_groups(photos)[0], known))
+    if cameras is not None and layout.solved:
+        layout, cameras = solved_layout(cameras, layout)
+    return cameras, layout
+
+
+def camera_sentences(photos: Sequence[Photo], cameras: TagCameras | None) -> tuple[list[str], str]:
+    """Return what is doubtful about the cameras that the tags alone tell, and what they tell in short."""
     if cameras is None:
         return ["The tags tell no camera; keep two or more in view of every photo."], ""
-    if layout.solved:
-        layout, cameras = solved_layout(cameras, layout)
+    sizes, lens_of = lens_groups(photos)
     found = []
     poses = cameras.poses()
     unposed = [photo.name for photo in photos if photo.name not in poses]
@@ -152,7 +165,7 @@ def sentences(capture: Capture, photos: Sequence[Photo], seen: Mapping[str, Seen
     found = [f"{one} and {other} are the same picture; remove one." for one, other in same_pictures(photos)]
     if len(photos) < FEW_PHOTOS:
         found.append(f"There are only {len(photos)} photos; take at least {FEW_PHOTOS}, better 24, all around.")
-    values = {photo.name: sharpness(photo) for photo in photos}
+    values = {photo.name: sharpness_of(photo.grey) for photo in photos}
     middle = float(np.median(list(values.values())))
     found += [
         f"{name} is blurred ({value / middle:.0%} of the usual sharpness); take it again or remove it."

@@ -42,7 +42,7 @@ def lens_groups(photos: Sequence[Photo]) -> tuple[list[tuple[int, int]], dict[st
     return sizes, {photo.name: sizes.index(photo.size) for photo in photos}
 
 
-def _posed(lens: Lens, places: NDArray[np.float64], pixels: NDArray[np.float64]) -> NDArray[np.float64] | None:
+def pose_of(lens: Lens, places: NDArray[np.float64], pixels: NDArray[np.float64]) -> NDArray[np.float64] | None:
     """Return the pose (4, 4) in which a camera sees ``places`` (n, 3) at ``pixels`` (n, 2); None if there is none."""
     rays, middle = lens.rays(pixels), places.mean(axis=0)
     flat = np.linalg.svd(places - middle, compute_uv=False)[2] < 1e-3 * np.ptp(places, axis=0).max()
@@ -124,7 +124,7 @@ def _placed_poses(
         if len(seen) < least_tags:
             continue
         places = np.concatenate([corners[number] for number in seen])
-        T = _posed(lenses[lens_of[name]], places, np.concatenate([sightings[name][number] for number in seen]))
+        T = pose_of(lenses[lens_of[name]], places, np.concatenate([sightings[name][number] for number in seen]))
         if T is not None:
             found[name] = T
     return found
@@ -159,7 +159,7 @@ def _chained(
         for name, T in poses.items():
             for number, pixels in sightings[name].items():
                 if number not in tags:
-                    local = _posed(lenses[lens_of[name]], square, pixels)
+                    local = pose_of(lenses[lens_of[name]], square, pixels)
                     if local is not None:
                         candidates.setdefault(number, []).append(inverse_pose(T) @ local)
         if not candidates:

@@ -2,7 +2,7 @@
 
 Layout::
 
-    images/            photos, JPEG or PNG, any sizes; EXIF orientation is honoured
+    images/            photos, JPEG, PNG or HEIC, any sizes; EXIF orientation is honoured
     tags.yaml          family and size of the tags, and where they lie (``tag_layouts.py``)
     scene.yaml         the support plane, and per object where it stands and the box that encloses it
     intrinsics.yaml    optional: a calibrated camera; estimated from the photos when absent
@@ -33,7 +33,7 @@ from pipeline.records.poses import pose_matrix
 from pipeline.records.tag_layouts import Strict, TagLayout
 from pipeline.records.texts import parse_json, parse_yaml
 
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".heic", ".heif")
 BESIDE_SUFFIXES = {"masks": (".png",), "normals": (".npy", ".png")}  # the first that exists is taken
 # How many of a lens model's parameters are focal lengths, and how many there are in all; the principal point follows
 # the focal lengths (https://colmap.github.io/cameras.html).
@@ -178,8 +178,8 @@ def _images(folder: Path) -> tuple[Path, ...]:
     foreign = [path for path in present if path.suffix.lower() not in IMAGE_SUFFIXES or path.is_dir()]
     if foreign:
         raise UserError(
-            f"{foreign[0]} is neither JPEG nor PNG ({len(foreign)} such files); "
-            "convert photos of other kinds, such as HEIC, to JPEG, and put other files elsewhere."
+            f"{foreign[0]} is neither JPEG nor PNG nor HEIC ({len(foreign)} such files); "
+            "convert photos of other kinds to JPEG, and put other files elsewhere."
         )
     stems = [path.stem for path in present]
     double = next((stem for stem in stems if stems.count(stem) > 1), None)
@@ -235,6 +235,23 @@ def _check_scene(path: Path, scene: Scene) -> None:
             )
 
 
+def read_tags(path: Path) -> TagLayout:
+    """Read ``tags.yaml``; raises as :func:`read_capture`."""
+    return _read_yaml(path, TagLayout)
+
+
+def read_scene(path: Path) -> Scene:
+    """Read and check ``scene.yaml``; raises as :func:`read_capture`."""
+    scene = _read_yaml(path, Scene)
+    _check_scene(path, scene)
+    return scene
+
+
+def read_intrinsics(path: Path) -> Intrinsics:
+    """Read ``intrinsics.yaml``; raises as :func:`read_capture`."""
+    return _read_yaml(path, Intrinsics)
+
+
 def read_capture(folder: Path) -> Capture:
     """Read and check the text files of a capture, and list its photos.
 
@@ -248,11 +265,9 @@ def read_capture(folder: Path) -> Capture:
         raise UserError(f"the capture folder {folder} is missing; {mend}.")
     images = _images(folder)
     _check_beside(folder, images)
-    tags = _read_yaml(folder / "tags.yaml", TagLayout)
-    scene = _read_yaml(folder / "scene.yaml", Scene)
-    _check_scene(folder / "scene.yaml", scene)
+    tags, scene = read_tags(folder / "tags.yaml"), read_scene(folder / "scene.yaml")
     source = folder / "intrinsics.yaml"
-    return Capture(folder, images, tags, scene, _read_yaml(source, Intrinsics) if source.exists() else None)
+    return Capture(folder, images, tags, scene, read_intrinsics(source) if source.exists() else None)
 
 
 @dataclass(frozen=True)

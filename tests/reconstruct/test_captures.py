@@ -155,15 +155,14 @@ def test_a_missing_folder_is_named(tmp_path):
         read_capture(tmp_path / "nowhere")
 
 
-def test_heic_is_refused_by_name_and_by_content(copy):
+def test_pictures_of_other_kinds_are_refused_by_name_and_by_content(copy):
     first = copy / "images/photo_000.jpg"
-    heic = b"\x00\x00\x00\x18ftypheic" + bytes(100)
-    (copy / "images/extra.HEIC").write_bytes(heic)
-    with pytest.raises(UserError, match="neither JPEG nor PNG.*convert"):
+    (copy / "images/extra.TIFF").write_bytes(b"II*")
+    with pytest.raises(UserError, match="neither JPEG nor PNG nor HEIC.*convert"):
         read_capture(copy)
-    (copy / "images/extra.HEIC").unlink()
-    first.write_bytes(heic)
-    with pytest.raises(UserError, match="photo_000.jpg is no JPEG or PNG"):
+    (copy / "images/extra.TIFF").unlink()
+    first.write_bytes(b"GIF" + bytes(100))
+    with pytest.raises(UserError, match="photo_000.jpg is no JPEG, PNG or HEIC"):
         read_photos(read_capture(copy), 480)
 
 
