@@ -63,6 +63,20 @@ def in_object_frame(name: str, item: SceneObject, found: DenseObject, count: int
     )
 
 
+def check_seen(objects: Mapping[str, ReconstructedObject], least: float) -> None:
+    """Refuse an object most of which would be a guess.
+
+    Raises:
+        UserError: less than the share ``least`` of its surface was measured.
+    """
+    for name, item in objects.items():
+        if item.seen.mean() < least:
+            raise UserError(
+                f"{name}: only {item.seen.mean():.0%} of its surface was measured; give it some texture (stickers, "
+                "powder), and take sharper photos of it, from all sides."
+            )
+
+
 def tags_in_photos(capture: Capture, photos: Sequence[Photo]) -> dict[str, Seen]:
     """Return per photo the tags in it, sought in the photo at its full size.
 
@@ -116,6 +130,7 @@ def reconstruct(capture: Capture, settings: ReconstructParameters, seed: int, wo
         name: in_object_frame(name, capture.scene.objects[name], found, settings.surface.points, seed)
         for name, found in dense.items()
     }
+    check_seen(objects, settings.surface.least_seen)
     supported = {
         name: support_shares(
             item.points @ item.T_scene_object[:3, :3].T + item.T_scene_object[:3, 3],

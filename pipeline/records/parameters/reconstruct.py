@@ -83,6 +83,13 @@ class SurfaceParameters(Section):
     least_points: int = Field(
         500, ge=10, description="Minimum number of points in an object's box for the object to be found."
     )
+    least_seen: float = Field(
+        0.35,
+        ge=0,
+        le=1,
+        description="Minimum share of the surface within 3 mm of measured points; an object of which less "
+        "was measured is refused.",
+    )
     points: int = Field(
         4096,
         ge=256,
