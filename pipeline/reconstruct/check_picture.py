@@ -68,7 +68,7 @@ def _from_one_side(axes: Any, shown: Shown, second: int, colours: ScalarMappable
     for view in shown.posed:
         distance = float(np.linalg.norm(centre_of(view.T_camera_scene) - target))
         points = frustum(view, FRUSTUM * distance)[:, plane]
-        colour = colours.to_rgba(len(shown.seen[view.photo.name].tags))
+        colour = colours.to_rgba(np.array([len(shown.seen[view.photo.name].tags)]))[0]
         for one, other in ((1, 2), (2, 3), (3, 4), (4, 1)):
             axes.add_patch(
                 Polygon(points[[0, one, other]], closed=True, facecolor=(*colour[:3], 0.25), edgecolor=colour)

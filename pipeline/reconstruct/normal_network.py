@@ -122,7 +122,7 @@ def normals_of(network: NormalNetwork, colours: NDArray[np.uint8], name: str) ->
     """
     padded, rows, columns = _fitted(colours, network.size)
     mean, spread = SCALES[network.convention.scale]
-    values = ((padded / np.float32(255) - np.float32(mean)) / np.float32(spread))[None].astype(np.float32)
+    values = ((padded / 255 - np.array(mean)) / np.array(spread))[None].astype(np.float32)
     try:
         found = network.session.run(None, {network.name: values if network.last else values.transpose(0, 3, 1, 2)})[0]
     except Exception as error:  # see load_network

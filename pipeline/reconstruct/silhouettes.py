@@ -149,7 +149,8 @@ def _shown(drawn: NDArray[np.float32], look: NDArray[np.float32]) -> list[NDArra
         # Plain patches between: of the same brightness, with what surely is the support at most a window away.
         plain = near & _grown(sure | narrow, NARROW) & (np.abs(one - own) < ALIKE)
         shown = ((sure & _grown(narrow | plain, 3)) | narrow | plain) & (np.abs(one - own) < 3 * ALIKE)
-        found.append(cv2.morphologyEx(shown.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)))
+        opened = cv2.morphologyEx(shown.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+        found.append(np.asarray(opened, np.uint8))
     return found
 
 

@@ -93,8 +93,8 @@ def _mean_motion(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> float | No
     points = cv2.goodFeaturesToTrack(one, FEATURES, 0.01, 5)
     if points is None or len(points) < LEAST_FOLLOWED:
         return None
-    there, found, _ = cv2.calcOpticalFlowPyrLK(one, other, points, None)
-    back, again, _ = cv2.calcOpticalFlowPyrLK(other, one, there, None)
+    there, found, _ = cv2.calcOpticalFlowPyrLK(one, other, points, np.zeros_like(points))
+    back, again, _ = cv2.calcOpticalFlowPyrLK(other, one, there, np.zeros_like(there))
     followed = (found & again).ravel() > 0
     followed &= np.linalg.norm((back - points)[:, 0], axis=1) < 0.5
     if followed.sum() < max(LEAST_FOLLOWED, len(points) // 4):
