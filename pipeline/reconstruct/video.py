@@ -95,7 +95,7 @@ def _mean_motion(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> float | No
         return None
     there, found, _ = cv2.calcOpticalFlowPyrLK(one, other, points, np.zeros_like(points))
     back, again, _ = cv2.calcOpticalFlowPyrLK(other, one, there, np.zeros_like(there))
-    followed = (found & again).ravel() > 0
+    followed = (found.ravel() > 0) & (again.ravel() > 0)
     followed &= np.linalg.norm((back - points)[:, 0], axis=1) < 0.5
     if followed.sum() < max(LEAST_FOLLOWED, len(points) // 4):
         return None
