@@ -75,7 +75,7 @@ def _files(folder: Path, settings: ReconstructParameters, seed: int, workers: Wo
     true_surfaces(truth)  # a damaged one is refused before the long work
     result = reconstruct(capture, settings, seed, workers)
     metrics = metrics_of(result, settings.method, truth)
-    pictures = pictures_of(capture, result.sparse.views, result.views, result.dense)
+    pictures = pictures_of(capture, result.cameras.views, result.views, result.dense)
     with TemporaryDirectory() as temporary:
         target = Path(temporary) / "reconstruction"
         write_reconstruction(target, result.objects, cameras_of(result.views), metrics, pictures)

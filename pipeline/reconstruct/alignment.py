@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.records.captures import TagLayout
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.reconstruct import AlignmentParameters
+from pipeline.records.tag_layouts import TagLayout
 
 SIZE_TOLERANCE = 0.015  # relative difference between printed and stated tag size that is reported
 
@@ -101,8 +101,8 @@ def align(
     if len(located) < settings.least_tags:
         seen = ", ".join(str(number) for number in located) or "none"
         raise UserError(
-            f"located {len(located)} of the {len(layout.tags)} tags in tags.yaml ({seen}), {settings.least_tags} are "
-            "needed; keep them in view of at least three sharp photos each, or correct their numbers and family."
+            f"located {len(located)} of the {len(layout.numbers())} tags in tags.yaml ({seen}), {settings.least_tags} "
+            "are needed; keep them in view of at least three sharp photos each, or correct their numbers and family."
         )
     truth = layout.corners()
     keys = [(number, corner) for number, corners in sorted(located.items()) for corner in sorted(corners)]

@@ -10,16 +10,17 @@ import numpy as np
 
 from pipeline.compute.fan_out import Workers, fan_out
 from pipeline.reconstruct.fusion import Points, fuse, thinned
+from pipeline.reconstruct.movement import check_at_rest
 from pipeline.reconstruct.plane_sweep import (
     SECOND_ANGLE,
     DepthMap,
     Window,
-    box_corners,
     follow,
     neighbours,
     sweep,
     window_of,
 )
+from pipeline.reconstruct.silhouettes import Bound, bound_of
 from pipeline.reconstruct.surface import Surface, belongs_to, poisson_surface
 from pipeline.reconstruct.views import View
 from pipeline.reconstruct.visibility import Bodies
@@ -27,12 +28,8 @@ from pipeline.records.captures import Scene
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.reconstruct import SurfaceParameters, SweepParameters
 
-# An object has moved when more than these shares of sightings see through its points, or of pairs of neighbouring
-# photos show something else on its surface. Measured at rest: 0.02 and 0; moved by 5 mm in half of the photos: 0.22.
-LARGEST_SEEN_THROUGH, LARGEST_UNLIKE = 0.2, 0.08
-UNLIKE = 0.7  # of the median likeness
-TELLING_LIKENESS = 0.5  # median below which too little texture is there to tell
 LEAST_VIEWS = 3
+OUTSIDE = 0.0015  # m, by which a point may be measured outside of what photos leave for its object
 TURNS = 3  # one sweep of planes, then along the surface of the turn before
 
 
@@ -43,6 +40,7 @@ class DenseObject:
     points: Points
     surface: Surface
     windows: dict[int, Window]  # per view that shows the object
+    maps: tuple[DepthMap, ...] = ()  # what every view measured of it, last
 
 
 @dataclass(frozen=True)
@@ -56,14 +54,15 @@ class _Task:
     surfaces: tuple[Surface, ...]  # of all objects, as found so far; empty at first
     own: int  # which of them is looked for
     settings: SweepParameters
-    view: int
+    shown: tuple[int, ...]  # the numbers of ``views`` among all
+    support: float  # z, m
 
 
 def _depths(task: _Task) -> DepthMap:
     cv2.setNumThreads(1)
     others = range(1, len(task.views))
     if not task.surfaces:
-        found = sweep(task.views, 0, others, task.window, task.nearest, task.farthest, task.settings)
+        found = sweep(task.views, 0, others, task.window, task.nearest, task.farthest, task.settings, task.support)
     else:
         view = task.views[0]
         pixels = np.concatenate([task.window.centres(), np.ones((task.window.width * task.window.height, 1))], axis=1)
@@ -72,15 +71,16 @@ def _depths(task: _Task) -> DepthMap:
         base, normals = bodies.depth(task.own, view.centre, rays, SECOND_ANGLE)
         points = view.centre + rays * base[:, None]
         visible = [bodies.seen_from(task.views[other].centre, points, normals).reshape(shape) for other in others]
-        found = follow(task.views, 0, others, task.window, base.reshape(shape), np.array(visible), task.settings)
-    return DepthMap(task.view, found.window, found.depth, found.score, found.likeness)
+        found = follow(
+            task.views, 0, others, task.window, base.reshape(shape), np.array(visible), task.settings, task.support
+        )
+    likeness = tuple((task.shown[other], value) for other, value in found.likeness)
+    return DepthMap(task.shown[0], found.window, found.depth, found.score, likeness, found.support)
 
 
 def _tasks(views: Sequence[View], scene: Scene, name: str, sweeping: SweepParameters, margin: float) -> list[_Task]:
     own, item = list(scene.objects).index(name), scene.objects[name]
-    T = item.matrix(scene.support_plane)
-    half = np.array(item.box[:2]) / 2 + margin
-    corners = box_corners(T, np.array([*-half, 0.0]), np.array([*half, item.box[2] + margin]))
+    corners = item.corners(scene.support_plane, margin)
     windows = {index: window_of(view, corners, sweeping.window) for index, view in enumerate(views)}
     visible = [index for index, window in windows.items() if window is not None]
     tasks = []
@@ -88,7 +88,9 @@ def _tasks(views: Sequence[View], scene: Scene, name: str, sweeping: SweepParame
         others = neighbours(views, index, corners.mean(axis=0), visible, sweeping)
         window = windows[index]
         if others and window is not None:
-            tasks.append(_Task((views[index], *(views[o] for o in others)), *window, (), own, sweeping, index))
+            shown = (index, *others)
+            seen = tuple(views[number] for number in shown)
+            tasks.append(_Task(seen, *window, (), own, sweeping, shown, scene.support_plane))
     if len(tasks) < LEAST_VIEWS:
         raise UserError(
             f"{name}: only {len(tasks)} photos show its box; correct its position in scene.yaml, or take photos of it."
@@ -96,26 +98,11 @@ def _tasks(views: Sequence[View], scene: Scene, name: str, sweeping: SweepParame
     return tasks
 
 
-def _own(points: Points, scene: Scene, number: int, settings: SurfaceParameters) -> Points:
+def _own(points: Points, scene: Scene, number: int, settings: SurfaceParameters, bound: Bound | None) -> Points:
     mine = belongs_to(points.positions, scene, settings) == number
-    return Points(points.positions[mine], points.towards[mine], points.seen_through)
-
-
-def check_at_rest(name: str, points: Points, maps: Sequence[DepthMap]) -> None:
-    """Refuse an object of which the photos contradict each other.
-
-    Raises:
-        UserError: it was moved between the photos.
-    """
-    likeness = np.array([value for depth in maps for value in depth.likeness])
-    unlike = 0.0
-    if len(likeness) and np.median(likeness) > TELLING_LIKENESS:
-        unlike = float((likeness < UNLIKE * np.median(likeness)).mean())
-    if points.seen_through > LARGEST_SEEN_THROUGH or unlike > LARGEST_UNLIKE:
-        raise UserError(
-            f"{name} was moved between the photos, it seems: they contradict each other about it in "
-            f"{100 * max(unlike, points.seen_through):.0f} % of the cases; take all photos again and touch nothing."
-        )
+    if bound is not None:
+        mine &= bound.distance(points.positions) < OUTSIDE
+    return replace(points, positions=points.positions[mine], towards=points.towards[mine])
 
 
 def dense_objects(
@@ -131,7 +118,9 @@ def dense_objects(
         UserError: an object is not in the photos, has no texture, or was moved between them.
     """
     found: dict[str, DenseObject] = {}
+    plainly: dict[str, list[DepthMap]] = {}
     tasks = {name: _tasks(views, scene, name, sweeping, settings.margin) for name in scene.objects}
+    bounds = {name: bound_of(views, item, scene.support_plane, settings.margin) for name, item in scene.objects.items()}
     for turn in range(TURNS):
         if turn:
             surfaces = tuple(found[name].surface for name in tasks)
@@ -140,11 +129,13 @@ def dense_objects(
         maps = iter(fan_out(_depths, [task for own in tasks.values() for task in own], workers, label))
         for number, (name, own) in enumerate(tasks.items()):
             mine = [next(maps) for _ in own]
-            fused = fuse(views, mine, sweeping)
-            points = thinned(_own(fused, scene, number, settings), sweeping.voxel)
-            check_at_rest(name, points, mine)
+            if not turn:
+                plainly[name] = mine
+            fused = fuse(views, mine, sweeping, plainly[name], scene.support_plane)
+            points = thinned(_own(fused, scene, number, settings, bounds[name]), sweeping.voxel)
+            check_at_rest(name, points.contradictions, mine, [view.name for view in views])
             # A surface to follow need not show the last detail, but must be smooth.
             rougher = settings.model_copy(update={"poisson_depth": settings.poisson_depth - (turn < TURNS - 1)})
-            surface = poisson_surface(points, scene.support_plane, sweeping.voxel, rougher, name)
-            found[name] = DenseObject(points, surface, {task.view: task.window for task in own})
+            surface = poisson_surface(points, scene.support_plane, sweeping.voxel, rougher, name, bounds[name])
+            found[name] = DenseObject(points, surface, {task.shown[0]: task.window for task in own}, tuple(mine))
     return found

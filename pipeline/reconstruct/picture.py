@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial import cKDTree
 
+from pipeline.reconstruct.cameras import PosedPhoto
 from pipeline.reconstruct.dense import DenseObject
 from pipeline.reconstruct.photos import read_colours, shrunk
-from pipeline.reconstruct.sparse import SparseView
 from pipeline.reconstruct.surface import SEEN
 from pipeline.reconstruct.views import View, undistorted_colours
 from pipeline.reconstruct.visibility import Bodies
@@ -62,20 +62,20 @@ def _jpeg(pixels: NDArray[np.uint8], width: int) -> bytes:
 
 
 def pictures_of(
-    capture: Capture, sparse: Sequence[SparseView], views: Sequence[View], found: Mapping[str, DenseObject]
+    capture: Capture, posed: Sequence[PosedPhoto], views: Sequence[View], found: Mapping[str, DenseObject]
 ) -> dict[str, tuple[bytes, bytes]]:
     """Return, for a few photos spread over the capture, the photo and its surfaces as JPEG.
 
     Args:
-        views: of the photos in ``sparse``, in the same order.
+        views: of the photos in ``posed``, in the same order.
     """
     files = {path.stem: path for path in capture.images}
     pictures = {}
     for index in sorted({round(len(views) * k / PICTURES) for k in range(PICTURES)}):
         colours = read_colours(files[views[index].name])
-        if sparse[index].photo.times > 1:
-            colours = np.asarray(shrunk(colours, sparse[index].photo.times).round(), np.uint8)
-        photo = undistorted_colours(sparse[index], colours)
+        if posed[index].photo.times > 1:
+            colours = np.asarray(shrunk(colours, posed[index].photo.times).round(), np.uint8)
+        photo = undistorted_colours(posed[index], colours)
         surfaces = surfaces_over(photo, views[index], list(found.values()), WIDTH)
         pictures[views[index].name] = (_jpeg(photo, WIDTH), _jpeg(surfaces, WIDTH))
     return pictures

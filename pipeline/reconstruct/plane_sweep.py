@@ -25,6 +25,9 @@ SECOND_STEPS = 25
 SECOND_ANGLE = 75.0  # degrees between ray and normal beyond which a surface is seen too flatly
 SMALLEST_ANGLE, LARGEST_ANGLE = 3.0, 50.0  # degrees between photos that are compared
 LEAST_TELLING = 60  # windows with contrast that two photos must share to be called alike or not
+# A pixel shows the support where the plane explains it nearly as well (correlation) as the best depth: along the edges
+# of shadows and on faint paper, many depths do. It plainly shows it where the plane alone explains it well.
+SUPPORT_NEARLY, SUPPORT_PLAINLY = 0.15, 0.8
 LIKENESS_PERCENTILE = 80  # of their correlations: the lower ones may still be covered by something else
 
 
@@ -55,15 +58,9 @@ class DepthMap:
     window: Window
     depth: NDArray[np.float32]  # (h, w), m along the optical axis; 0 where unknown
     score: NDArray[np.float32]  # (h, w), correlation, -1 to 1
-    likeness: tuple[float, ...] = ()  # per other view, how well it shows the same where a known surface was followed
-
-
-def box_corners(
-    T_scene_box: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the corners (8, 3) of a box in the scene frame."""
-    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-    return np.asarray(corners @ T_scene_box[:3, :3].T + T_scene_box[:3, 3])
+    # Per other view that shares enough of a known surface that was followed: its number, and how alike they are there.
+    likeness: tuple[tuple[int, float], ...] = ()
+    support: NDArray[np.bool_] | None = None  # (h, w) where the support itself is plainly seen
 
 
 def window_of(view: View, corners: NDArray[np.float64], padding: int) -> tuple[Window, float, float] | None:
@@ -166,6 +163,39 @@ def _homographies(
     return found
 
 
+def support_score(
+    views: Sequence[View],
+    view: int,
+    others: Sequence[int],
+    window: Window,
+    reference: _Reference,
+    support: float,
+) -> NDArray[np.float32]:
+    """Return how well (h, w) other photos show the same if all pixels of a window show the plane z = ``support``."""
+    own, compared = views[view], [views[other] for other in others]
+    from_window = np.array([[1, 0, window.left + 0.5], [0, 1, window.top + 0.5], [0, 0, 1.0]])
+    up = own.T_camera_scene[:3, 2]
+    distance = float(up @ (own.T_camera_scene[:3, 3] + support * up))  # of the plane along its normal
+    across = (up / distance) @ np.linalg.inv(own.K) @ from_window
+    scores = [
+        reference.correlation(_warped(other.image, infinite + np.outer(epipole, across), window))
+        for other, (infinite, epipole) in zip(compared, _homographies(own, compared, window), strict=True)
+    ]
+    return np.asarray(cv2.boxFilter(_best_half(np.array(scores)), cv2.CV_32F, (3, 3)), np.float32)
+
+
+def _warped(image: NDArray[np.float32], homography: NDArray[np.float64], window: Window) -> NDArray[Any]:
+    """Return what a photo shows where a homography leads from the window's pixels; NaN outside of it."""
+    return cv2.warpPerspective(
+        image,
+        homography,
+        (window.width, window.height),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=float("nan"),
+    )
+
+
 def sweep(
     views: Sequence[View],
     view: int,
@@ -174,12 +204,14 @@ def sweep(
     nearest: float,
     farthest: float,
     settings: SweepParameters,
+    support: float | None = None,
 ) -> DepthMap:
     """Return the depths of one window, from planes that face the camera.
 
     Args:
         others: indices of the views it is compared with, at least one.
         nearest: smallest depth tried, m; ``farthest`` the largest. Planes are spaced evenly in inverse depth.
+        support: z of the plane on which objects stand, m: what shows it gets no depth.
     """
     own, compared = views[view], [views[other] for other in others]
     reference = _Reference(window.of(own.image), settings.window)
@@ -191,21 +223,21 @@ def sweep(
         for index, (infinite, epipole) in enumerate(homographies):
             homography = infinite.copy()
             homography[:, 2] += inverse_depth * epipole
-            warped = cv2.warpPerspective(
-                compared[index].image,
-                homography,
-                (window.width, window.height),
-                flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-                borderMode=cv2.BORDER_CONSTANT,
-                borderValue=float("nan"),
-            )
+            warped = _warped(compared[index].image, homography, window)
             scores[index] = reference.correlation(warped)
         volume[plane] = cv2.boxFilter(_best_half(scores), cv2.CV_32F, (3, 3))
     position, score = _peak(volume)
     depth = 1 / np.interp(position, np.arange(settings.planes), inverse)
     ends = (position < 0.5) | (position > settings.planes - 1.5)
     good = _kept(own, window, reference, score, settings.least_correlation) & ~ends
-    return DepthMap(view, window, np.where(good, depth, 0).astype(np.float32), score)
+    seen = None
+    if support is not None:
+        on_it = support_score(views, view, others, window, reference, support)
+        good &= ~((on_it > settings.least_correlation) & (on_it > score - SUPPORT_NEARLY))
+        plain = (on_it > SUPPORT_PLAINLY) & (on_it > score - SUPPORT_NEARLY) & (reference.variance > LEAST_CONTRAST**2)
+        # A window at an object's outline may follow the support's texture: only what lies wholly on it counts.
+        seen = cv2.erode(plain.astype(np.uint8), np.ones((settings.window, settings.window), np.uint8)) > 0
+    return DepthMap(view, window, np.where(good, depth, 0).astype(np.float32), score, (), seen)
 
 
 @dataclass(frozen=True)
@@ -235,16 +267,19 @@ class _Lines:
         )
 
 
-def _likeness(scores: NDArray[np.float32], telling: NDArray[np.bool_]) -> tuple[float, ...]:
+def _likeness(
+    others: Sequence[int], scores: NDArray[np.float32], telling: NDArray[np.bool_]
+) -> tuple[tuple[int, float], ...]:
     """Return how alike the window and each photo are on a known surface, for photos that share enough of it.
 
     Args:
         scores: (photos, h, w) correlations on that surface.
         telling: (photos, h, w) where both see it, and it shows something.
     """
-    pairs = zip(scores, telling, strict=True)
     return tuple(
-        float(np.percentile(score[both], LIKENESS_PERCENTILE)) for score, both in pairs if both.sum() >= LEAST_TELLING
+        (other, float(np.percentile(score[both], LIKENESS_PERCENTILE)))
+        for other, score, both in zip(others, scores, telling, strict=True)
+        if both.sum() >= LEAST_TELLING
     )
 
 
@@ -256,12 +291,14 @@ def follow(
     base: NDArray[np.float32],
     visible: NDArray[np.bool_],
     settings: SweepParameters,
+    support: float | None = None,
 ) -> DepthMap:
     """Return the depths of one window, looked for on surfaces parallel to a known one near by.
 
     Args:
         base: (h, w) depths of the known surface, m; 0 where it is not seen or seen too flatly.
         visible: (others, h, w) where the other views see that surface too, by what is known so far.
+        support: see :func:`sweep`.
     """
     own, seen = views[view], base > 0
     if not seen.any():
@@ -274,14 +311,17 @@ def follow(
     lines = [_Lines.between(own, views[other], window) for other in others]
     offsets = np.linspace(-SECOND_REACH, SECOND_REACH, SECOND_STEPS)
     volume = np.empty((SECOND_STEPS, window.height, window.width), np.float32)
-    likeness: tuple[float, ...] = ()
+    likeness: tuple[tuple[int, float], ...] = ()
     for step, offset in enumerate(offsets):
         scores = np.array([reference.correlation(line.warped(extended + np.float32(offset))) for line in lines])
         if step == SECOND_STEPS // 2:
-            likeness = _likeness(scores, visible & seen & (reference.variance > LEAST_CONTRAST**2))
+            likeness = _likeness(others, scores, visible & seen & (reference.variance > LEAST_CONTRAST**2))
         volume[step] = cv2.boxFilter(_best_half(scores), cv2.CV_32F, (3, 3))
     position, score = _peak(volume)
     depth = base + np.interp(position, np.arange(SECOND_STEPS), offsets).astype(np.float32)
     ends = (position < 0.5) | (position > SECOND_STEPS - 1.5)
     good = _kept(own, window, reference, score, settings.least_correlation) & ~ends & seen
+    if support is not None:
+        on_it = support_score(views, view, others, window, reference, support)
+        good &= ~((on_it > settings.least_correlation) & (on_it > score - SUPPORT_NEARLY))
     return DepthMap(view, window, np.where(good, depth, 0).astype(np.float32), score, likeness)

@@ -8,22 +8,26 @@ from typing import Any
 
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 
 from pipeline.compute.fan_out import Workers
 from pipeline.reconstruct.accuracy import Accuracy, compare
-from pipeline.reconstruct.alignment import Alignment, align
+from pipeline.reconstruct.cameras import Cameras, find_cameras
 from pipeline.reconstruct.dense import DenseObject, dense_objects
+from pipeline.reconstruct.detection import Seen, family_seen, seen_tags
+from pipeline.reconstruct.fusion import support_shares
 from pipeline.reconstruct.normal_maps import normal_files, read_normals, shrunk_normals
-from pipeline.reconstruct.photos import read_photos
-from pipeline.reconstruct.sparse import SparseModel, sparse_model
+from pipeline.reconstruct.photos import Photo, read_grey, read_photos
 from pipeline.reconstruct.surface import Surface, samples_of
-from pipeline.reconstruct.tags import check_sightings, detect_tags, locate_corners
+from pipeline.reconstruct.tags import check_sightings
 from pipeline.reconstruct.views import View, undistort_all, undistorted_normals
 from pipeline.records.captures import Capture, SceneObject, Truth
 from pipeline.records.errors import UserError
 from pipeline.records.geometry import read_geometry_file
 from pipeline.records.parameters.reconstruct import ReconstructParameters
 from pipeline.records.reconstructions import ReconstructedObject
+
+FAMILY_PHOTOS = 4  # searched for other families
 
 
 @dataclass(frozen=True)
@@ -33,9 +37,9 @@ class Reconstruction:
     objects: dict[str, ReconstructedObject]
     dense: dict[str, DenseObject]
     views: tuple[View, ...]
-    sparse: SparseModel
-    alignment: Alignment
+    cameras: Cameras
     normal_prior: bool
+    supported: dict[str, NDArray[np.int64]]  # per object and sample of its surface how many photos measured it
 
 
 def in_object_frame(name: str, item: SceneObject, found: DenseObject, count: int, seed: int) -> ReconstructedObject:
@@ -59,6 +63,41 @@ def in_object_frame(name: str, item: SceneObject, found: DenseObject, count: int
     )
 
 
+def check_seen(objects: Mapping[str, ReconstructedObject], least: float) -> None:
+    """Refuse an object most of which would be a guess.
+
+    Raises:
+        UserError: less than the share ``least`` of its surface was measured.
+    """
+    for name, item in objects.items():
+        if item.seen.mean() < least:
+            raise UserError(
+                f"{name}: only {item.seen.mean():.0%} of its surface was measured; give it some texture (stickers, "
+                "powder), and take sharper photos of it, from all sides."
+            )
+
+
+def tags_in_photos(capture: Capture, photos: Sequence[Photo]) -> dict[str, Seen]:
+    """Return per photo the tags in it, sought in the photo at its full size.
+
+    Raises:
+        UserError: the photos show tags of another family than ``tags.yaml`` says, and none of that.
+    """
+    seen = {}
+    for photo, path in zip(photos, capture.images, strict=True):
+        grey = photo.grey if photo.times == 1 else read_grey(path)
+        seen[photo.name] = seen_tags(grey, capture.tags, photo.times)
+    if not any(its.tags or its.repeated for its in seen.values()):
+        few = [photo.grey for photo in photos[:: max(len(photos) // FAMILY_PHOTOS, 1)]]
+        family = family_seen(few, capture.tags.family)
+        if family is not None:
+            raise UserError(
+                f"{capture.folder}/tags.yaml says that the tags are of the family {capture.tags.family}, but the "
+                f"photos show {family}; write that there."
+            )
+    return seen
+
+
 def reconstruct(capture: Capture, settings: ReconstructParameters, seed: int, workers: Workers) -> Reconstruction:
     """Return the objects of a capture, metric.
 
@@ -71,18 +110,16 @@ def reconstruct(capture: Capture, settings: ReconstructParameters, seed: int, wo
         check_device(settings.splat.device)
     photos = read_photos(capture, settings.largest_side)
     normals = normal_files(capture, photos) if settings.method == "2dgs" else {}
-    sightings = {photo.name: detect_tags(photo, capture.tags) for photo in photos}
-    check_sightings(sightings, capture.tags, settings.alignment)
-    sparse = sparse_model(photos, capture.intrinsics, settings.sparse, seed)
-    located = locate_corners(sparse.views, sightings, settings.alignment)
-    alignment = align(located, capture.tags, settings.alignment)
-    views = undistort_all(sparse.views, alignment.similarity)
+    seen = tags_in_photos(capture, photos)
+    check_sightings({name: its.tags for name, its in seen.items()}, capture.tags, settings.alignment)
+    cameras = find_cameras(photos, seen, capture.tags, capture.scene, capture.intrinsics, settings, seed)
+    views = undistort_all(cameras.views)
     dense = dense_objects(views, capture.scene, settings.sweep, settings.surface, workers)
     priors = {
         view.photo.name: undistorted_normals(
             view, shrunk_normals(read_normals(normals[view.photo.name]), view.photo.times)
         )
-        for view in sparse.views
+        for view in cameras.views
         if view.photo.name in normals
     }
     if settings.method == "2dgs":
@@ -93,7 +130,17 @@ def reconstruct(capture: Capture, settings: ReconstructParameters, seed: int, wo
         name: in_object_frame(name, capture.scene.objects[name], found, settings.surface.points, seed)
         for name, found in dense.items()
     }
-    return Reconstruction(objects, dense, tuple(views), sparse, alignment, bool(priors))
+    check_seen(objects, settings.surface.least_seen)
+    supported = {
+        name: support_shares(
+            item.points @ item.T_scene_object[:3, :3].T + item.T_scene_object[:3, 3],
+            views,
+            dense[name].maps,
+            settings.sweep.agreement,
+        )
+        for name, item in objects.items()
+    }
+    return Reconstruction(objects, dense, tuple(views), cameras, bool(priors), supported)
 
 
 def cameras_of(views: Sequence[View]) -> dict[str, Any]:
@@ -141,30 +188,41 @@ def _camera_errors(views: Sequence[View], truth: Truth) -> dict[str, float]:
     return {"camera_mm_mean": float(off.mean()), "camera_mm_max": float(off.max())}
 
 
+def _shares(counts: NDArray[np.int64]) -> dict[str, float]:
+    """Return the shares of a surface that no, one or two, three to five, and more photos measured."""
+    limits = {"0": (0, 0), "1-2": (1, 2), "3-5": (3, 5), "6+": (6, np.inf)}
+    return {name: float(((counts >= low) & (counts <= high)).mean()) for name, (low, high) in limits.items()}
+
+
 def metrics_of(result: Reconstruction, method: str, truth: Truth | None) -> dict[str, Any]:
     """Return the figures of ``metrics.json``; lengths in mm, as people say them.
 
     Raises:
         UserError: see :func:`true_surfaces`.
     """
+    cameras = result.cameras
     metrics: dict[str, Any] = {
         "method": method,
         "normal_prior": "folder" if result.normal_prior else "none",
         "kind": "rendered" if truth is not None and truth.rendered else "photos",
-        "photos": result.sparse.photos,
+        "photos": cameras.photos,
         "registered": len(result.views),
-        "registered_ratio": len(result.views) / result.sparse.photos,
-        "sparse_points": len(result.sparse.points),
-        "reprojection_px": result.sparse.reprojection,
-        "tags_located": len(result.alignment.tags),
-        "corners_used": result.alignment.corners_used,
-        "alignment_mm": 1000 * result.alignment.residual,
-        "alignment_mm_max": 1000 * result.alignment.largest_residual,
+        "registered_ratio": len(result.views) / cameras.photos,
+        "dropped": cameras.dropped,
+        "sparse_points": len(cameras.points),
+        "reprojection_px": cameras.reprojection,
+        "tags_located": len(cameras.alignment.tags),
+        "corners_used": cameras.alignment.corners_used,
+        "alignment_mm": 1000 * cameras.alignment.residual,
+        "alignment_mm_max": 1000 * cameras.alignment.largest_residual,
+        "cameras": cameras.facts,
         "objects": {},
     }
     for name, item in result.objects.items():
         metrics["objects"][name] = {
             "points": len(result.dense[name].points.positions),
+            "supported_by": _shares(result.supported[name]),
+            "extents_mm": (1000 * np.ptp(item.vertices, axis=0)).tolist(),
             "seen_through": result.dense[name].points.seen_through,
             "seen_share": float(item.seen.mean()),
             "volume_cm3": 1e6 * item.volume,

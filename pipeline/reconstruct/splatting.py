@@ -10,7 +10,7 @@ fused in a truncated signed-distance field; its surface is closed as that of the
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -282,9 +282,9 @@ def _splat(task: _Task) -> DenseObject:
     splats = initial_splats(task.found.points, settings.spacing, task.views, settings.device)
     train(splats, task.views, settings, item_generator(task.seed, "reconstruct", task.name, 0))
     points = fused_points(splats, task.views, task.found.surface, settings)
-    points = Points(points.positions, points.towards, task.found.points.seen_through)
+    points = replace(task.found.points, positions=points.positions, towards=points.towards)
     surface = poisson_surface(points, task.support, settings.cell, task.settings.surface, task.name)
-    return DenseObject(points, surface, task.found.windows)
+    return DenseObject(points, surface, task.found.windows, task.found.maps)
 
 
 def check_device(device: str) -> None:

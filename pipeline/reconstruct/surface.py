@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pipeline.reconstruct.fusion import Points
+from pipeline.reconstruct.silhouettes import Bound
 from pipeline.records.captures import Scene
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.reconstruct import SurfaceParameters
@@ -21,6 +22,9 @@ NORMAL_NEIGHBOURS = 40
 OUTLIER_NEIGHBOURS, OUTLIER_SPREAD = 20, 2.5
 SUPPORT_BAND, SUPPORT_SHARE = 0.008, 0.25  # m, and share of an object's height: level points below are the support's
 SUPPORT_COSINE = 0.8
+# Edges of the cube in which Poisson's surface is sought, over that of the points. Where a whole side was not measured,
+# as between two objects that touch, the surface bulges out of the smaller one and stays open.
+CUBES = (1.3, 2.0)
 LOW_BAND = 0.008  # m: so much of the lowest that was measured tells where the object meets the support
 # m over the support: an object that was measured down to the first goes straight on, above the second it is round.
 STRAIGHT_DOWN, ROUND_BELOW = 0.004, 0.010
@@ -174,31 +178,42 @@ def _solid(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Any:
     )
 
 
-def closed_at_support(vertices: NDArray[np.float64], faces: NDArray[np.int64], support: float, name: str) -> Surface:
+def closed_at_support(
+    vertices: NDArray[np.float64], faces: NDArray[np.int64], support: float, bound: NDArray[np.float64]
+) -> Surface | None:
     """Return the largest closed part of a surface above the plane z = support, closed by that plane.
 
-    Raises:
-        UserError: nothing closed is left.
+    None: there is none.
+
+    Args:
+        bound: points (n, 3) beyond whose convex hull the surface may not reach.
     """
-    solid = _solid(vertices, faces).trim_by_plane((0.0, 0.0, 1.0), support)
+    hull = manifold3d.Manifold.hull_points(np.ascontiguousarray(bound))
+    solid = (_solid(vertices, faces) ^ hull).trim_by_plane((0.0, 0.0, 1.0), support)
     parts = [part for part in solid.decompose() if part.volume() > 0]
     if not parts:
-        raise UserError(
-            f"{name}: its points enclose no volume; take more photos of it, from all sides, or give it some texture."
-        )
+        return None
     mesh = max(parts, key=lambda part: part.volume()).simplify(SIMPLIFIED).to_mesh64()
     return Surface(np.asarray(mesh.vert_properties, np.float64)[:, :3], np.asarray(mesh.tri_verts, np.int64))
 
 
-def poisson_surface(points: Points, support: float, spacing: float, settings: SurfaceParameters, name: str) -> Surface:
+def poisson_surface(
+    points: Points,
+    support: float,
+    spacing: float,
+    settings: SurfaceParameters,
+    name: str,
+    bound: Bound | None = None,
+) -> Surface:
     """Return the closed surface through the points of one object.
 
     Args:
         support: z of the plane on which it stands, m.
         spacing: of the points, m.
+        bound: how far it may reach, if photos tell.
 
     Raises:
-        UserError: see :func:`closed_at_support`, or there are too few points.
+        UserError: there are too few points, or they enclose nothing.
     """
     if len(points.positions) < settings.least_points:
         raise UserError(
@@ -212,15 +227,24 @@ def poisson_surface(points: Points, support: float, spacing: float, settings: Su
     own = (height > band) | (normals[:, 2] < SUPPORT_COSINE)
     positions, normals = positions[own], normals[own]
     assumed, directions = assumed_base(positions, normals, support, spacing)
-    cloud.points = open3d.utility.Vector3dVector(np.concatenate([positions, assumed]))
-    cloud.normals = open3d.utility.Vector3dVector(np.concatenate([normals, directions]))
-    mesh, _ = open3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
-        cloud, depth=settings.poisson_depth, scale=1.3, n_threads=1
+    positions, normals = np.concatenate([positions, assumed]), np.concatenate([normals, directions])
+    cloud.points, cloud.normals = open3d.utility.Vector3dVector(positions), open3d.utility.Vector3dVector(normals)
+    for cube in CUBES:
+        mesh, _ = open3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
+            cloud, depth=settings.poisson_depth, scale=cube, n_threads=1
+        )
+        mesh.remove_duplicated_vertices()
+        mesh.remove_degenerate_triangles()
+        mesh.remove_unreferenced_vertices()
+        vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles, np.int64)
+        if bound is not None:
+            vertices = bound.drawn_in(vertices)
+        closed = closed_at_support(vertices, faces, support, positions + spacing * normals)
+        if closed is not None:
+            return closed
+    raise UserError(
+        f"{name}: its points enclose no volume; take more photos of it, from all sides, or give it some texture."
     )
-    mesh.remove_duplicated_vertices()
-    mesh.remove_degenerate_triangles()
-    mesh.remove_unreferenced_vertices()
-    return closed_at_support(np.asarray(mesh.vertices), np.asarray(mesh.triangles, np.int64), support, name)
 
 
 def samples_of(surface: Surface, measured: NDArray[np.float64], count: int, seed: int) -> Samples:

@@ -1,108 +1,53 @@
-"""AprilTags: found in photos, and their corners located in space."""
+"""Tags of a capture: whether the photos show enough of them, and where their corners are in space."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from typing import Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.reconstruct.detection import Sightings
+from pipeline.reconstruct.lens import Lens
 from pipeline.reconstruct.photos import Photo
-from pipeline.reconstruct.sparse import SparseView
-from pipeline.records.captures import TagLayout
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.reconstruct import AlignmentParameters
-
-CELLS = 8  # of the edge of a tag of the family 36h11; fewer in the others
-PROFILES = 24  # per edge
-
-Sightings = dict[int, NDArray[np.float64]]
+from pipeline.records.tag_layouts import TagLayout
 
 
-def refined_corners(light: NDArray[np.float32], corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the corners (4, 2) of a black square as the meeting points of its four edges, pixel centres at .5.
+class Posed(Protocol):
+    """A photo with a pose, in any frame."""
 
-    Each edge is a line through the places where light changes fastest, on profiles across it. Corners found directly
-    are biased towards the inside (by 0.4 pixels in a test), which makes the whole scene too large.
+    @property
+    def photo(self) -> Photo:
+        """The photo."""
 
-    Args:
-        light: (h, w) linear brightness: in gamma-coded values a blurred edge seems to lie towards the dark side.
-        corners: (4, 2) first guess, within a pixel or two.
-    """
-    lines = np.zeros((4, 3))
-    for k in range(4):
-        begin, end = corners[k], corners[(k + 1) % 4]
-        along = end - begin
-        length = float(np.linalg.norm(along))
-        along = along / length
-        across = np.array([-along[1], along[0]])
-        reach = min(max(0.45 * length / CELLS, 1.5), 6.0)  # stays within the black border and the white one
-        places = begin + along * np.linspace(0.08, 0.92, PROFILES)[:, None] * length
-        steps = np.linspace(-reach, reach, 33)
-        pixels = (places[:, None] + across * steps[:, None] - 0.5).astype(np.float32)
-        profile = cv2.remap(light, pixels[..., 0], pixels[..., 1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        slope = np.abs(np.diff(profile, axis=1))
-        slope = np.where(slope > 0.3 * slope.max(axis=1, keepdims=True), slope, 0)
-        middle = (steps[1:] + steps[:-1]) / 2
-        offset = (slope * middle).sum(axis=1) / np.maximum(slope.sum(axis=1), 1e-9)
-        position = np.linspace(0.08, 0.92, PROFILES) * length
-        good = np.abs(offset - np.median(offset)) < 1.0
-        for _ in range(3):
-            if good.sum() < PROFILES // 3:
-                return corners
-            tilt, shift = np.polyfit(position[good], offset[good], 1)
-            error = np.abs(offset - tilt * position - shift)
-            good = error <= max(3 * float(np.median(error)), 0.05)
-        first, last = begin + across * shift, end + across * (shift + tilt * length)
-        lines[k] = np.cross([*first, 1.0], [*last, 1.0])
-    met = np.array([np.cross(lines[(k - 1) % 4], lines[k]) for k in range(4)])
-    if np.abs(met[:, 2]).min() < 1e-12:
-        return corners
-    refined = met[:, :2] / met[:, 2:]
-    return np.asarray(refined if np.linalg.norm(refined - corners, axis=1).max() < 3.0 else corners)
+    @property
+    def lens(self) -> Lens:
+        """Its lens."""
 
-
-def detect_tags(photo: Photo, layout: TagLayout) -> Sightings:
-    """Return per tag of the layout seen its corners (4, 2), pixels with centres at .5, in OpenCV's order.
-
-    A tag that is seen twice in one photo, printed twice or mistaken, is left out: which one is meant is unknown.
-    """
-    families = {
-        "tag36h11": cv2.aruco.DICT_APRILTAG_36h11,
-        "tag25h9": cv2.aruco.DICT_APRILTAG_25h9,
-        "tag16h5": cv2.aruco.DICT_APRILTAG_16h5,
-    }
-    options = cv2.aruco.DetectorParameters()
-    options.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_CONTOUR
-    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(families[layout.family]), options)
-    corners, numbers, _ = detector.detectMarkers(photo.grey)
-    if numbers is None:
-        return {}
-    times = Counter(numbers.ravel().tolist())
-    light = np.asarray((photo.grey / np.float32(255)) ** np.float32(2.2), np.float32)
-    # OpenCV counts pixels from their centres.
-    return {
-        int(number): refined_corners(light, corner.reshape(4, 2).astype(np.float64) + 0.5)
-        for number, corner in zip(numbers.ravel(), corners, strict=True)
-        if int(number) in layout.tags and times[int(number)] == 1
-    }
+    @property
+    def T_camera_scene(self) -> NDArray[np.float64]:
+        """The pose (4, 4) of its camera."""
 
 
 def check_sightings(sightings: Mapping[str, Sightings], layout: TagLayout, settings: AlignmentParameters) -> None:
     """Refuse photos that show too few tags, before the long work.
 
+    Tags that no photo shows are no error: they may lie under an object.
+
     Raises:
         UserError: fewer than ``least_tags`` are seen in ``least_views`` photos each.
     """
     counts = Counter(number for seen in sightings.values() for number in seen)
-    good = sum(counts[number] >= settings.least_views for number in layout.tags)
+    good = sum(counts[number] >= settings.least_views for number in layout.numbers())
     if good < settings.least_tags:
         raise UserError(
-            f"{good} of the {len(layout.tags)} tags in tags.yaml are seen in {settings.least_views} photos or more, "
-            f"{settings.least_tags} are needed; lay out at least four and keep them in view, or correct their family "
-            "and numbers there."
+            f"{good} of the {len(layout.numbers())} tags in tags.yaml are seen in {settings.least_views} photos or "
+            f"more, {settings.least_tags} are needed; lay out at least four and keep them in view, or correct their "
+            "family and numbers there."
         )
 
 
@@ -161,12 +106,12 @@ def locate(
 
 
 def locate_corners(
-    views: Sequence[SparseView], sightings: Mapping[str, Sightings], settings: AlignmentParameters
+    views: Sequence[Posed], sightings: Mapping[str, Sightings], settings: AlignmentParameters
 ) -> dict[int, dict[int, NDArray[np.float64]]]:
-    """Return per tag and corner (0 to 3) its position (3,) in the world frame of the sparse model.
+    """Return per tag and corner (0 to 3) its position (3,) in the frame of the poses.
 
     Args:
-        sightings: per photo name what :func:`detect_tags` found.
+        sightings: per photo name the tags in it.
     """
     numbers = sorted({number for seen in sightings.values() for number in seen})
     located: dict[int, dict[int, NDArray[np.float64]]] = {}
@@ -174,9 +119,9 @@ def locate_corners(
         seeing = [view for view in views if number in sightings.get(view.photo.name, {})]
         if len(seeing) < settings.least_views:
             continue
-        projections = np.array([view.T_camera_world[:3] for view in seeing])
-        focal = np.array([view.camera.mean_focal_length() for view in seeing])
-        rays = np.array([view.rays(sightings[view.photo.name][number]) for view in seeing])
+        projections = np.array([view.T_camera_scene[:3] for view in seeing])
+        focal = np.array([view.lens.focal for view in seeing])
+        rays = np.array([view.lens.rays(sightings[view.photo.name][number]) for view in seeing])
         for corner in range(4):
             point = locate(projections, rays[:, corner], focal, settings.pixel_tolerance, settings.least_views)
             if point is not None:

@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.reconstruct.alignment import Similarity
-from pipeline.reconstruct.sparse import SparseView
+from pipeline.reconstruct.cameras import PosedPhoto
 
 
 @dataclass(frozen=True)
@@ -41,22 +40,22 @@ class View:
         return np.asarray((rays * depth[:, None] - self.T_camera_scene[:3, 3]) @ self.T_camera_scene[:3, :3])
 
 
-def _maps(view: SparseView) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _maps(view: PosedPhoto) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return per pixel of the undistorted photo its column and row (h, w) in the photo, in OpenCV's indices."""
     width, height = view.photo.size
-    focal = view.camera.mean_focal_length()
+    focal = view.lens.focal
     x = (np.arange(width) + 0.5 - width / 2) / focal
     y = (np.arange(height) + 0.5 - height / 2) / focal
     grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     ahead = np.concatenate([grid, np.ones((len(grid), 1))], axis=1)
-    pixels = np.asarray(view.camera.img_from_cam(ahead), np.float32).reshape(height, width, 2) - np.float32(0.5)
+    pixels = np.asarray(view.lens.project(ahead)[0], np.float32).reshape(height, width, 2) - np.float32(0.5)
     return np.ascontiguousarray(pixels[..., 0]), np.ascontiguousarray(pixels[..., 1])
 
 
-def undistorted(view: SparseView, similarity: Similarity) -> View:
+def undistorted(view: PosedPhoto) -> View:
     """Return the metric pinhole view of a posed photo: same size and focal length, principal point in the middle."""
     width, height = view.photo.size
-    focal = view.camera.mean_focal_length()
+    focal = view.lens.focal
     K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
     maps = _maps(view)
     source = view.photo.grey.astype(np.float32) / 255
@@ -64,19 +63,19 @@ def undistorted(view: SparseView, similarity: Similarity) -> View:
     usable = view.photo.usable
     if usable is not None:
         usable = cv2.remap(usable.astype(np.uint8), *maps, cv2.INTER_NEAREST) > 0
-    return View(view.photo.name, np.asarray(image, np.float32), usable, K, similarity.camera(view.T_camera_world))
+    return View(view.photo.name, np.asarray(image, np.float32), usable, K, view.T_camera_scene)
 
 
-def undistort_all(views: Sequence[SparseView], similarity: Similarity) -> list[View]:
+def undistort_all(views: Sequence[PosedPhoto]) -> list[View]:
     """Return the metric views of all posed photos."""
-    return [undistorted(view, similarity) for view in views]
+    return [undistorted(view) for view in views]
 
 
-def undistorted_colours(view: SparseView, colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def undistorted_colours(view: PosedPhoto, colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return the colours (h, w, 3) of a photo as its undistorted view shows them."""
     return np.asarray(cv2.remap(colours, *_maps(view), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8)
 
 
-def undistorted_normals(view: SparseView, normals: NDArray[np.float32]) -> NDArray[np.float32]:
+def undistorted_normals(view: PosedPhoto, normals: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the normal map (h, w, 3) of a photo as its undistorted view shows it."""
     return np.asarray(cv2.remap(normals, *_maps(view), cv2.INTER_NEAREST), np.float32)

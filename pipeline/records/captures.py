@@ -1,9 +1,9 @@
-"""A capture: a folder of photos of objects on a support, with AprilTags in view (docs/capture.md).
+"""A capture: a folder of photos of objects on a support, with tags in view (docs/capture.md).
 
 Layout::
 
-    images/            photos, JPEG or PNG, any sizes; EXIF orientation is honoured
-    tags.yaml          family, size and convention of the tags, and where each lies
+    images/            photos, JPEG, PNG or HEIC, any sizes; EXIF orientation is honoured
+    tags.yaml          family and size of the tags, and where they lie (``tag_layouts.py``)
     scene.yaml         the support plane, and per object where it stands and the box that encloses it
     intrinsics.yaml    optional: a calibrated camera; estimated from the photos when absent
     masks/             optional: <image stem>.png, white where the photo may be used
@@ -25,15 +25,15 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError, first_mistake
 from pipeline.records.poses import pose_matrix
+from pipeline.records.tag_layouts import Strict, TagLayout
 from pipeline.records.texts import parse_json, parse_yaml
 
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
-TAG_FAMILIES = {"tag36h11": 587, "tag25h9": 35, "tag16h5": 30}  # how many tags each family has
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".heic", ".heif")
 BESIDE_SUFFIXES = {"masks": (".png",), "normals": (".npy", ".png")}  # the first that exists is taken
 # How many of a lens model's parameters are focal lengths, and how many there are in all; the principal point follows
 # the focal lengths (https://colmap.github.io/cameras.html).
@@ -47,64 +47,7 @@ LENS_PARAMETERS = {
 LARGEST_OVERLAP = 0.1  # of two boxes, in parts of the sum of their half extents: places are known to a centimetre
 
 
-class _Strict(BaseModel):
-    """A part of a YAML file: unknown keys are refused, values are read-only."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class TagPose(_Strict):
-    """Where one tag lies: its centre, and either a yaw (tag flat, facing up) or a full orientation."""
-
-    position: tuple[float, float, float]  # m, centre of the tag in the scene frame
-    yaw_degrees: float = 0.0  # counter-clockwise seen from above; 0: the tag's right is +x and its top is +y
-    quaternion: tuple[float, float, float, float] | None = None  # wxyz instead of the yaw; tag frame x right, y up
-
-    @field_validator("quaternion")
-    @classmethod
-    def _unit(cls, value: tuple[float, float, float, float] | None) -> tuple[float, float, float, float] | None:
-        if value is not None and abs(np.linalg.norm(value) - 1) > 0.01:
-            raise ValueError("a rotation's quaternion (w, x, y, z) has length 1")
-        return value
-
-    @model_validator(mode="after")
-    def _one_orientation(self) -> TagPose:
-        if self.quaternion is not None and "yaw_degrees" in self.model_fields_set:
-            raise ValueError("give yaw_degrees or quaternion, not both")
-        return self
-
-    def matrix(self) -> NDArray[np.float64]:
-        """Return ``T_scene_tag`` (4, 4): tag frame x to the right of the upright print, y to its top, z out of it."""
-        half = np.radians(self.yaw_degrees) / 2
-        return pose_matrix(self.position, self.quaternion or (np.cos(half), 0.0, 0.0, np.sin(half)))
-
-
-class TagLayout(_Strict):
-    """``tags.yaml``."""
-
-    family: Literal["tag36h11", "tag25h9", "tag16h5"]
-    size: float = Field(gt=0.002, le=1.0)  # m, edge of the black square
-    # Which way up the printed tags are: as OpenCV draws them, or as the AprilTag project's image files (turned by 180
-    # degrees). `./dev capture print-tags` draws opencv.
-    convention: Literal["opencv", "apriltag"]
-    tags: dict[int, TagPose] = Field(min_length=1)
-
-    def corners(self) -> dict[int, NDArray[np.float64]]:
-        """Return per tag its corners (4, 3) in the scene frame, in the order of OpenCV's detector.
-
-        The order is top left, top right, bottom right, bottom left of the tag as OpenCV draws it.
-        """
-        square = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]], np.float64) * self.size / 2
-        if self.convention == "apriltag":
-            square = np.roll(square, 2, axis=0)
-        found = {}
-        for number, pose in self.tags.items():
-            T = pose.matrix()
-            found[number] = square @ T[:3, :3].T + T[:3, 3]
-        return found
-
-
-class SceneObject(_Strict):
+class SceneObject(Strict):
     """The approximate pose of an object, and its maximum size."""
 
     position: tuple[float, float]  # m, middle of the object on the support plane
@@ -116,15 +59,22 @@ class SceneObject(_Strict):
         half = np.radians(self.yaw_degrees) / 2
         return pose_matrix((*self.position, support), (np.cos(half), 0.0, 0.0, np.sin(half)))
 
+    def corners(self, support: float, margin: float) -> NDArray[np.float64]:
+        """Return the corners (8, 3) of the box with ``margin`` (m) on all sides but the lower one, scene frame."""
+        x, y, z = self.box[0] / 2 + margin, self.box[1] / 2 + margin, self.box[2] + margin
+        local = np.array([[i, j, k] for i in (-x, x) for j in (-y, y) for k in (0.0, z)])
+        T = self.matrix(support)
+        return np.asarray(local @ T[:3, :3].T + T[:3, 3])
 
-class Scene(_Strict):
+
+class Scene(Strict):
     """``scene.yaml``."""
 
     support_plane: float = 0.0  # m, z on which the objects stand
     objects: dict[str, SceneObject] = Field(min_length=1)
 
 
-class Intrinsics(_Strict):
+class Intrinsics(Strict):
     """``intrinsics.yaml``: a calibrated camera in COLMAP's terms (pixel centres at .5)."""
 
     model: Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"]
@@ -189,7 +139,7 @@ class Capture:
         return None
 
 
-Model = TypeVar("Model", bound=_Strict)
+Model = TypeVar("Model", bound=Strict)
 
 
 class _Loader(yaml.SafeLoader):
@@ -228,8 +178,8 @@ def _images(folder: Path) -> tuple[Path, ...]:
     foreign = [path for path in present if path.suffix.lower() not in IMAGE_SUFFIXES or path.is_dir()]
     if foreign:
         raise UserError(
-            f"{foreign[0]} is neither JPEG nor PNG ({len(foreign)} such files); "
-            "convert photos of other kinds, such as HEIC, to JPEG, and put other files elsewhere."
+            f"{foreign[0]} is neither JPEG nor PNG nor HEIC ({len(foreign)} such files); "
+            "convert photos of other kinds to JPEG, and put other files elsewhere."
         )
     stems = [path.stem for path in present]
     double = next((stem for stem in stems if stems.count(stem) > 1), None)
@@ -285,6 +235,23 @@ def _check_scene(path: Path, scene: Scene) -> None:
             )
 
 
+def read_tags(path: Path) -> TagLayout:
+    """Read ``tags.yaml``; raises as :func:`read_capture`."""
+    return _read_yaml(path, TagLayout)
+
+
+def read_scene(path: Path) -> Scene:
+    """Read and check ``scene.yaml``; raises as :func:`read_capture`."""
+    scene = _read_yaml(path, Scene)
+    _check_scene(path, scene)
+    return scene
+
+
+def read_intrinsics(path: Path) -> Intrinsics:
+    """Read ``intrinsics.yaml``; raises as :func:`read_capture`."""
+    return _read_yaml(path, Intrinsics)
+
+
 def read_capture(folder: Path) -> Capture:
     """Read and check the text files of a capture, and list its photos.
 
@@ -298,15 +265,9 @@ def read_capture(folder: Path) -> Capture:
         raise UserError(f"the capture folder {folder} is missing; {mend}.")
     images = _images(folder)
     _check_beside(folder, images)
-    tags = _read_yaml(folder / "tags.yaml", TagLayout)
-    count = TAG_FAMILIES[tags.family]
-    wrong = [number for number in tags.tags if not 0 <= number < count]
-    if wrong:
-        raise UserError(f"{folder / 'tags.yaml'}: {tags.family} has no tag {wrong[0]}; its tags are 0 to {count - 1}.")
-    scene = _read_yaml(folder / "scene.yaml", Scene)
-    _check_scene(folder / "scene.yaml", scene)
+    tags, scene = read_tags(folder / "tags.yaml"), read_scene(folder / "scene.yaml")
     source = folder / "intrinsics.yaml"
-    return Capture(folder, images, tags, scene, _read_yaml(source, Intrinsics) if source.exists() else None)
+    return Capture(folder, images, tags, scene, read_intrinsics(source) if source.exists() else None)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,8 @@ def first_mistake(error: ValidationError, kind: str = "parameter") -> str:
 
 
 def _mistake(mistake: Mapping[str, Any], kind: str) -> str:
-    where = ".".join(str(part) for part in mistake["loc"])
+    # Of a value that may be one of several kinds, pydantic also names the kind, such as dict[int,TagPose].
+    where = ".".join(str(part) for part in mistake["loc"] if "[" not in str(part))
     unknown = mistake["type"] == "extra_forbidden"
     text = f"unknown {kind} (misspelt?)" if unknown else mistake["msg"].removeprefix("Value error, ")
     return (f"{where}: {text}" if where else text) + ("" if _says_how(mistake) else "; correct it there")

@@ -33,6 +33,7 @@ LATE = {
     ),
     *("torch", "trimesh", "viser", "warp"),
     *("dvc", "dvc_data"),
+    *("onnxruntime", "pi_heif"),
     *("cloudpickle", "dask", "distributed", "threadpoolctl"),
 }
 OUTSIDE = {"seqgrasp", "tools", "tests", "benchmarks", "examples"}

@@ -229,7 +229,7 @@ def test_constraints_hold_every_direct_dependency(repository, declared):
 def test_every_package_that_is_imported_is_declared(repository, declared):
     everything = set(chain.from_iterable(declared.values()))
     for rooms, known in (
-        (["pipeline"], declared[""] | declared["cluster"] | declared["ros"]),
+        (["pipeline"], declared[""] | declared["cluster"] | declared["ros"] | declared["heic"] | declared["normals"]),
         (["tools", "tests", "benchmarks"], everything),
     ):
         missing = {module for module, packages in packages_of(repository, *rooms).items() if not packages & known}

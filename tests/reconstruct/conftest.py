@@ -1,7 +1,7 @@
 import pytest
 
 from pipeline.records.captures import read_capture
-from tests.reconstruct.made_up import mapping, rendered
+from tests.reconstruct.made_up import quick, rendered
 
 
 @pytest.fixture(scope="session")
@@ -18,16 +18,22 @@ def photos(capture_folder):
 
 
 @pytest.fixture(scope="session")
-def sparse(photos):
-    """The poses of the rendered capture, found once for all tests."""
-    from pipeline.reconstruct.sparse import sparse_model
+def seen(photos, capture_folder):
+    from pipeline.reconstruct.detection import seen_tags
 
-    return sparse_model(photos, None, mapping(), seed=1)
+    layout = read_capture(capture_folder).tags
+    return {photo.name: seen_tags(photo.grey, layout) for photo in photos}
 
 
 @pytest.fixture(scope="session")
-def sightings(photos, capture_folder):
-    from pipeline.reconstruct.tags import detect_tags
+def sightings(seen):
+    return {name: its.tags for name, its in seen.items()}
 
-    layout = read_capture(capture_folder).tags
-    return {photo.name: detect_tags(photo, layout) for photo in photos}
+
+@pytest.fixture(scope="session")
+def cameras(photos, seen, capture_folder):
+    """The cameras of the rendered capture, found once for all tests."""
+    from pipeline.reconstruct.cameras import find_cameras
+
+    capture = read_capture(capture_folder)
+    return find_cameras(photos, seen, capture.tags, capture.scene, None, quick(), seed=1)

@@ -7,7 +7,7 @@ from pathlib import Path
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters import read_parameters
 from pipeline.records.parameters.capture import RenderingParameters
-from pipeline.records.parameters.reconstruct import SparseParameters
+from pipeline.records.parameters.reconstruct import ReconstructParameters
 from tests.objects import prepared
 
 PLACES = {
@@ -32,9 +32,16 @@ def settings(**changes) -> RenderingParameters:
     return RenderingParameters.model_validate({**base, **changes})
 
 
-def mapping() -> SparseParameters:
-    """Settings of the mapping with as many features as small pictures need."""
-    return read_parameters().reconstruct.sparse.model_copy(update={"features": 1024})
+def quick() -> ReconstructParameters:
+    """Fewer features and planes and a coarser octree do for small photos."""
+    settings = read_parameters().reconstruct
+    return settings.model_copy(
+        update={
+            "sparse": settings.sparse.model_copy(update={"features": 1024}),
+            "sweep": settings.sweep.model_copy(update={"planes": 32}),
+            "surface": settings.surface.model_copy(update={"poisson_depth": 6}),
+        }
+    )
 
 
 def rendered(folder: Path, seed: int = 1, **changes) -> Path:

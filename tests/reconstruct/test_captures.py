@@ -11,8 +11,9 @@ from PIL import Image
 
 from pipeline.reconstruct.normal_maps import normal_files, read_normals, shrunk_normals
 from pipeline.reconstruct.photos import read_grey, read_photos, shrunk
-from pipeline.records.captures import Intrinsics, TagLayout, read_capture, read_truth
+from pipeline.records.captures import Intrinsics, read_capture, read_truth
 from pipeline.records.errors import UserError
+from pipeline.records.tag_layouts import TagLayout
 
 
 @pytest.fixture
@@ -55,6 +56,10 @@ def test_a_rendered_capture_is_valid_and_hides_nothing(capture_folder):
         ("tags.yaml", "sizes", 0.05, "unknown key"),
         ("tags.yaml", "family", "tag99", "tags.yaml: family"),
         ("tags.yaml", "convention", None, "tags.yaml: convention"),
+        ("tags.yaml", "tags", "somewhere", "or the word anywhere"),
+        ("tags.yaml", "tags", None, "either tags or board"),
+        ("tags.yaml", "board", {"kind": "grid", "columns": 2, "rows": 2, "gap": 0.01}, "either tags or board"),
+        ("tags.yaml", "board", {"kind": "charuco", "columns": 2, "rows": 2, "gap": 0.01}, "has `square`"),
         ("tags.yaml", "tags", {999: {"position": [0, 0, 0]}}, "has no tag 999"),
         ("tags.yaml", "tags", {}, "tags.yaml: tags"),
         ("scene.yaml", "objects", {}, "scene.yaml: objects"),
@@ -150,15 +155,14 @@ def test_a_missing_folder_is_named(tmp_path):
         read_capture(tmp_path / "nowhere")
 
 
-def test_heic_is_refused_by_name_and_by_content(copy):
+def test_pictures_of_other_kinds_are_refused_by_name_and_by_content(copy):
     first = copy / "images/photo_000.jpg"
-    heic = b"\x00\x00\x00\x18ftypheic" + bytes(100)
-    (copy / "images/extra.HEIC").write_bytes(heic)
-    with pytest.raises(UserError, match="neither JPEG nor PNG.*convert"):
+    (copy / "images/extra.TIFF").write_bytes(b"II*")
+    with pytest.raises(UserError, match="neither JPEG nor PNG nor HEIC.*convert"):
         read_capture(copy)
-    (copy / "images/extra.HEIC").unlink()
-    first.write_bytes(heic)
-    with pytest.raises(UserError, match="photo_000.jpg is no JPEG or PNG"):
+    (copy / "images/extra.TIFF").unlink()
+    first.write_bytes(b"GIF" + bytes(100))
+    with pytest.raises(UserError, match="photo_000.jpg is no JPEG, PNG or HEIC"):
         read_photos(read_capture(copy), 480)
 
 
@@ -167,6 +171,17 @@ def test_a_damaged_photo_is_named(copy):
     path.write_bytes(path.read_bytes()[:5000])
     with pytest.raises(UserError, match="photo_003.jpg is damaged"):
         read_photos(read_capture(copy), 480)
+
+
+def test_the_focal_length_comes_from_exif(copy):
+    path = copy / "images/photo_001.jpg"
+    with Image.open(path) as picture:
+        exif = picture.getexif()
+        exif.get_ifd(0x8769)[0xA405] = 26
+        picture.save(path, exif=exif)
+    capture = read_capture(copy)
+    photos = read_photos(replace(capture, images=capture.images[:3]), 240)
+    assert [photo.focal for photo in photos] == [None, pytest.approx(26 / 43.27 * 300), None]
 
 
 def test_sixteen_bits_are_read_as_eight(copy):

@@ -1,5 +1,7 @@
 """The plane sweep on a real pair of photos, and on views of known surfaces."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -82,7 +84,7 @@ def test_following_a_surface_beats_planes_that_face_the_camera(slanted, settings
     base = (true + 0.0015).astype(np.float32)  # a surface that is known to 1.5 mm
     visible = np.ones((len(others), *base.shape), bool)
     second = follow(views, 0, others, window, base, visible, settings)
-    assert len(second.likeness) == len(others) and min(second.likeness) > 0.9
+    assert [other for other, _ in second.likeness] == others and min(value for _, value in second.likeness) > 0.9
 
     def error(found: DepthMap) -> float:
         known = found.depth > 0
@@ -92,6 +94,29 @@ def test_following_a_surface_beats_planes_that_face_the_camera(slanted, settings
     assert error(first) < 0.003
     assert error(second) < 0.0004
     assert error(second) < error(first)
+
+
+def test_what_shows_the_support_gets_no_depth(settings):
+    """A textured plane z = 0, seen from above, as the support and as something that stands 3 cm above it."""
+    import cv2
+
+    from tests.reconstruct.drawn import camera_around, photo_of
+
+    random = np.random.default_rng(1)
+    ground = cv2.GaussianBlur(random.integers(0, 255, (3200, 3200), dtype=np.uint8), (0, 0), 12)
+    ground = cv2.normalize(ground, None, 0, 255, cv2.NORM_MINMAX)
+    K, size = np.array([[300.0, 0, 80], [0, 300, 60], [0, 0, 1]]), (160, 120)
+    views = []
+    for azimuth in (0, -15, 15, 8, -8):
+        T = camera_around(azimuth, 55, 0.4)
+        views.append(View(str(azimuth), photo_of(ground, T, 300.0, size).astype(np.float32) / 255, None, K, T))
+    window = Window(20, 20, 120, 80)
+    free = sweep(views, 0, [1, 2, 3, 4], window, 0.25, 0.6, settings)
+    bound = sweep(views, 0, [1, 2, 3, 4], window, 0.25, 0.6, settings, support=0.0)
+    assert (free.depth > 0).mean() > 0.8 and (bound.depth > 0).mean() < 0.02
+    assert bound.support is not None and bound.support.mean() > 0.7
+    lower = sweep(views, 0, [1, 2, 3, 4], window, 0.25, 0.6, settings, support=-0.03)
+    assert (lower.depth > 0).mean() > 0.75 and lower.support.mean() < 0.05, "what stands higher keeps its depth"
 
 
 def test_points_need_agreement(slanted, settings):
@@ -112,6 +137,13 @@ def test_points_need_agreement(slanted, settings):
     # Two photos that see something 2 cm deeper contradict the other three.
     torn = fuse(views, [exact(view, 0.02 * (view > 2)) for view in range(5)], settings)
     assert torn.seen_through > 0.2
+    pairs = {(one, other): share for one, other, share in torn.contradictions}
+    assert pairs[0, 4] > 0.9 and pairs[0, 1] == 0
+    # Where the other photos plainly show the support behind, there is no point, whatever agrees on it.
+    three = [exact(view, 0.0) for view in range(3)]
+    plain = [replace(depth, support=np.ones((120, 160), bool)) for depth in three[1:]]
+    carved = fuse(views, three, settings, plain, support=0.0)
+    assert len(carved.positions) < 0.1 * len(fuse(views, three, settings).positions)
     thin = thinned(agreeing, 0.004)
     assert len(thin.positions) < 0.5 * len(agreeing.positions)
     assert np.allclose(np.linalg.norm(thin.towards, axis=1), 1)

@@ -6,11 +6,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pipeline.capture.sheet import tag_sheet
+from pipeline.capture.sheet import board_sheet, tag_sheet
 from pipeline.records.errors import UserError
+from pipeline.records.tag_layouts import TagLayout
 from tools.captures import main
 
 PER_POINT = 4  # pixels
+
+
+def tags(size: float, family: str = "tag36h11") -> TagLayout:
+    return TagLayout(family=family, size=size, convention="opencv", tags="anywhere")
 
 
 def drawn_pages(pdf: bytes) -> list[np.ndarray]:
@@ -41,7 +46,7 @@ def drawn_pages(pdf: bytes) -> list[np.ndarray]:
 def test_printed_tags_are_found_in_true_size(page, size):
     import cv2
 
-    pages = drawn_pages(tag_sheet(range(3, 13), size, page))
+    pages = drawn_pages(tag_sheet(range(3, 13), tags(size), page))
     assert len(pages) >= 2
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11))
     numbers = []
@@ -56,14 +61,14 @@ def test_printed_tags_are_found_in_true_size(page, size):
 
 
 def test_the_ruler_is_a_hundred_millimetres():
-    text = tag_sheet([0], 0.06, "a4").decode("ascii")
+    text = tag_sheet([0], tags(0.06), "a4").decode("ascii")
     marks = [float(line.split()[0]) for line in text.split("\n") if re.fullmatch(r"[\d. ]+ 0\.2835 [\d.]+ re", line)]
     assert len(marks) == 101 and (max(marks) - min(marks)) / 72 * 25.4 == pytest.approx(100)
 
 
 @pytest.mark.parametrize("size", [0.01, 0.02, 0.06])
 def test_labels_do_not_run_into_each_other(size):
-    text = tag_sheet(range(40), size, "a4").decode("ascii")
+    text = tag_sheet(range(40), tags(size), "a4").decode("ascii")
     labels = re.findall(r"/F1 ([\d.]+) Tf ([\d.]+) ([\d.]+) Td \((tag36h11 .*?)\) Tj", text)
     assert len(labels) == 40
     assert any(y == other_y for (_, _, y, _), (_, _, other_y, _) in pairwise(labels)), "some stand side by side"
@@ -73,7 +78,7 @@ def test_labels_do_not_run_into_each_other(size):
 
 
 def test_the_file_is_a_pdf_whose_table_is_right():
-    pdf = tag_sheet(range(6), 0.06, "a4")
+    pdf = tag_sheet(range(6), tags(0.06), "a4")
     assert pdf.startswith(b"%PDF-1.")
     start = int(re.search(rb"startxref\n(\d+)", pdf)[1])
     assert pdf[start:].startswith(b"xref")
@@ -82,11 +87,38 @@ def test_the_file_is_a_pdf_whose_table_is_right():
         assert pdf[int(place) :].startswith(b"%d 0 obj" % number)
 
 
+@pytest.mark.parametrize("kind", ["grid", "charuco", "aprilgrid"])
+def test_a_printed_board_lies_as_its_lines_for_tags_yaml_say(kind, tmp_path, capsys):
+    import yaml
+
+    from pipeline.reconstruct.detection import seen_tags
+
+    target = tmp_path / "board.pdf"
+    assert main(["print-tags", "--kind", kind, "--columns", "4", "--rows", "5", "--out", str(target)]) == 0
+    text = capsys.readouterr().out.split("For tags.yaml:\n")[1]
+    layout = TagLayout.model_validate(yaml.safe_load(text))
+    (page,) = drawn_pages(target.read_bytes())
+    seen = seen_tags(page, layout).tags
+    places = layout.corners()
+    assert set(seen) == set(places)
+    per_metre = PER_POINT / (0.0254 / 72)
+    flipped = [1, -1]  # a page's rows run down
+    shift = np.mean([seen[n] - places[n][:, :2] * per_metre * flipped for n in seen], axis=(0, 1))
+    for number, corners in seen.items():
+        assert np.abs(corners - shift - places[number][:, :2] * per_metre * flipped).max() < 1.0
+
+
+def test_a_board_too_large_for_the_page_is_refused():
+    text = {"family": "aruco_4x4_50", "size": 0.04, "board": {"kind": "grid", "columns": 5, "rows": 7, "gap": 0.01}}
+    with pytest.raises(UserError, match="240 x 340 mm large and does not fit on a4"):
+        board_sheet(TagLayout.model_validate(text), "a4")
+
+
 def test_wrong_wishes_are_one_sentence(tmp_path, capsys):
     with pytest.raises(UserError, match="no tag 587"):
-        tag_sheet([587], 0.06, "a4")
+        tag_sheet([587], tags(0.06), "a4")
     with pytest.raises(UserError, match="does not fit"):
-        tag_sheet([0], 0.19, "a4")
+        tag_sheet([0], tags(0.19), "a4")
     assert main(["print-tags", "--size-mm", "900", "--out", str(tmp_path / "x.pdf")]) == 2
     assert main(["print-tags", "--out", str(tmp_path / "tags.pdf")]) == 0
     assert (tmp_path / "tags.pdf").stat().st_size > 5000

@@ -3,12 +3,14 @@ import pytest
 
 from pipeline.capture.layout import camera_poses
 from pipeline.reconstruct.alignment import align, fit_similarity
-from pipeline.reconstruct.tags import check_sightings, detect_tags, locate, locate_corners
+from pipeline.reconstruct.cameras import find_cameras
+from pipeline.reconstruct.detection import Seen
+from pipeline.reconstruct.tags import check_sightings, locate, locate_corners
 from pipeline.records.captures import Intrinsics, read_capture, read_truth
 from pipeline.records.errors import UserError
 from pipeline.records.parameters import read_parameters
 from pipeline.stages.seeds import item_generator
-from tests.reconstruct.made_up import mapping
+from tests.reconstruct.made_up import quick
 
 
 @pytest.fixture(scope="module")
@@ -22,8 +24,8 @@ def layout(capture_folder):
 
 
 @pytest.fixture(scope="module")
-def located(sparse, sightings, settings):
-    return locate_corners(sparse.views, sightings, settings)
+def located(cameras, sightings, settings):
+    return locate_corners(cameras.views, sightings, settings)
 
 
 def test_corners_are_found_to_a_tenth_of_a_pixel(photos, sightings, layout):
@@ -42,25 +44,33 @@ def test_corners_are_found_to_a_tenth_of_a_pixel(photos, sightings, layout):
     assert abs(np.median(outward)) < 0.05, "a bias would change the scale of the whole scene"
 
 
-def test_all_photos_are_posed_and_the_cameras_are_where_they_were(sparse, located, layout, settings, capture_folder):
-    from pipeline.reconstruct.views import undistorted
-
-    assert len(sparse.views) == 16 and sparse.reprojection < 0.5
-    alignment = align(located, layout, settings)
-    assert alignment.residual < 0.0006
+def camera_errors(cameras, capture_folder):
     centres = read_truth(capture_folder).camera_centres
-    views = [undistorted(view, alignment.similarity) for view in sparse.views]
-    errors = [np.linalg.norm(view.centre - centres[view.name]) for view in views]
-    assert np.mean(errors) < 0.001
+    poses = {view.photo.name: view.T_camera_scene for view in cameras.views}
+    return [np.linalg.norm(-T[:3, :3].T @ T[:3, 3] - centres[name]) for name, T in poses.items()]
 
 
-def test_mapping_is_the_same_again(photos, sparse):
-    from pipeline.reconstruct.sparse import sparse_model
+def test_all_photos_are_posed_and_the_cameras_are_where_they_were(cameras, capture_folder):
+    assert len(cameras.views) == 16 and cameras.dropped == {} and cameras.reprojection < 0.5
+    assert cameras.alignment.residual < 0.0006
+    assert np.mean(camera_errors(cameras, capture_folder)) < 0.001
+    assert cameras.facts["cameras_from"] == "tags" and cameras.facts["lens"] == "SIMPLE_RADIAL"
+    assert cameras.facts["focal_px"] == pytest.approx(0.99 * 480, rel=0.003) and not cameras.facts["turntable"]
 
-    again = sparse_model(photos, None, mapping(), seed=1)
-    for one, other in zip(sparse.views, again.views, strict=True):
-        assert np.array_equal(one.T_camera_world, other.T_camera_world)
-    assert np.array_equal(sparse.points, again.points)
+
+def test_photos_of_which_few_show_two_tags_are_posed_by_features(photos, seen, capture_folder):
+    """The same twice: COLMAP's mapping, and what follows, depends on nothing but its input."""
+    capture = read_capture(capture_folder)
+    few = {
+        name: Seen(its.tags if k % 3 == 0 else dict(sorted(its.tags.items())[:1]))
+        for k, (name, its) in enumerate(seen.items())
+    }
+    one, other = (find_cameras(photos, few, capture.tags, capture.scene, None, quick(), seed=1) for _ in range(2))
+    assert one.facts["cameras_from"] == "features" and len(one.views) == 16
+    assert np.mean(camera_errors(one, capture_folder)) < 0.002
+    for mine, again in zip(one.views, other.views, strict=True):
+        assert np.array_equal(mine.T_camera_scene, again.T_camera_scene)
+    assert np.array_equal(one.points, other.points)
 
 
 def test_a_similarity_is_recovered():
@@ -102,23 +112,14 @@ def test_too_few_tags_are_told_before_the_long_work(sightings, layout, settings)
         check_sightings({"photo_000": {}}, layout, settings)
 
 
-def test_a_tag_seen_twice_in_a_photo_does_not_count(photos, sightings, layout):
-    from dataclasses import replace
-
-    photo = photos[0]
-    doubled = replace(photo, grey=np.concatenate([photo.grey, photo.grey], axis=1))
-    assert sightings[photo.name] and detect_tags(doubled, layout) == {}
-
-
-def test_a_calibrated_camera_is_held(photos):
-    from pipeline.reconstruct.sparse import sparse_model
-
+def test_a_calibrated_camera_is_held(photos, seen, capture_folder):
     lens = [475.2, 475.2, 240.0, 180.0]  # as it was rendered: 0.99 widths, in the middle
     camera = Intrinsics.model_validate({"model": "PINHOLE", "width": 480, "height": 360, "parameters": lens})
-    quick = read_parameters().reconstruct.sparse.model_copy(update={"features": 1200})
-    found = sparse_model(photos[::2], camera, quick, seed=1)
+    capture = read_capture(capture_folder)
+    found = find_cameras(photos[::2], seen, capture.tags, capture.scene, camera, quick(), seed=1)
     for view in found.views:
-        assert view.camera.params.tolist() == lens
+        assert view.lens.values.tolist() == [475.2, 0, 0, 0, 0] and view.lens.principal.tolist() == [240, 180]
+    assert found.facts["lens"] == "calibrated"
 
 
 def test_one_tag_is_refused_with_advice(located, layout, settings):

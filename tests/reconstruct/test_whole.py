@@ -12,25 +12,16 @@ from PIL import Image
 
 from pipeline.records.captures import read_capture, read_truth
 from pipeline.records.errors import UserError
-from pipeline.records.parameters import read_parameters
-from tests.reconstruct.made_up import PLACES, mapping, rendered
+from tests.reconstruct.made_up import PLACES, quick, rendered, shapes
 
 pytestmark = pytest.mark.slow
-
-
-def quick_settings():
-    """Fewer features and planes and a coarser octree do for small photos."""
-    settings = read_parameters().reconstruct
-    sweep = settings.sweep.model_copy(update={"planes": 32})
-    surface = settings.surface.model_copy(update={"poisson_depth": 6})
-    return settings.model_copy(update={"sparse": mapping(), "sweep": sweep, "surface": surface})
 
 
 def figures(folder):
     """Reconstruct a capture and return its metrics, and what was found."""
     from pipeline.reconstruct.reconstruction import metrics_of, reconstruct
 
-    settings = quick_settings()
+    settings = quick()
     result = reconstruct(read_capture(folder), settings, seed=1, workers=1)
     return metrics_of(result, settings.method, read_truth(folder)), result
 
@@ -48,6 +39,14 @@ def test_a_plain_capture(plain):
     assert metrics["registered_ratio"] == 1 and metrics["kind"] == "rendered" and metrics["normal_prior"] == "none"
     assert metrics["reprojection_px"] < 0.5 and metrics["alignment_mm"] < 0.6
     assert metrics["chamfer_mm_max"] < 0.8
+    assert metrics["dropped"] == {} and metrics["cameras"]["cameras_from"] == "tags"
+    assert metrics["cameras"]["focal_px"] == pytest.approx(0.99 * 480, rel=0.005)
+    for name, item in metrics["objects"].items():
+        supported = item["supported_by"]
+        assert sum(supported.values()) == pytest.approx(1) and supported["0"] < 1 - item["seen_share"] + 0.15
+        # A pixel is 0.8 mm wide there, and a window of seven pixels widens every edge by one or two.
+        size = shapes()[name].vertices
+        assert np.allclose(item["extents_mm"], 1000 * np.ptp(size, axis=0), atol=4)
     for name, item in result.objects.items():
         # Samples lie on the mesh, in a frame whose origin is the centre of mass.
         mesh = trimesh.Trimesh(item.vertices, item.faces, process=False)
@@ -67,7 +66,7 @@ def test_pictures_for_the_report_are_small(capture_folder, plain):
     from pipeline.reconstruct.picture import pictures_of
 
     _, result = plain
-    pictures = pictures_of(read_capture(capture_folder), result.sparse.views, result.views, result.dense)
+    pictures = pictures_of(read_capture(capture_folder), result.cameras.views, result.views, result.dense)
     assert list(pictures) == ["photo_000", "photo_005", "photo_011"]
     assert sum(len(picture) for both in pictures.values() for picture in both) < 300_000
 
@@ -78,7 +77,7 @@ def test_splatting_from_the_same_start(capture_folder, plain):
     from pipeline.reconstruct.splatting import splatted_objects
 
     _, result = plain
-    scene, settings = read_capture(capture_folder).scene, quick_settings()
+    scene, settings = read_capture(capture_folder).scene, quick()
     splat = settings.splat.model_copy(update={"iterations": 60, "image_scale": 1.0, "spacing": 0.0025})
     settings = settings.model_copy(update={"splat": splat})
     found = splatted_objects(result.views, result.dense, {}, scene, settings, seed=1, workers=1)
@@ -123,8 +122,12 @@ def test_an_object_moved_between_the_photos(capture_folder, tmp_path):
         figures(moved)
 
 
-def test_mixed_resolutions_and_orientations(capture_folder, tmp_path):
-    folder = shutil.copytree(capture_folder, tmp_path / "mixed")
+def test_touching_objects_in_mixed_sizes_and_orientations(tmp_path):
+    places = {
+        "block": {"position": (-0.03, 0.0), "yaw_degrees": 0.0},
+        "can": {"position": (0.03, 0.0), "yaw_degrees": 0.0},
+    }
+    folder = rendered(tmp_path / "touching", objects=places)
     for view in range(0, 16, 2):
         path = folder / f"images/photo_{view:03d}.jpg"
         with Image.open(path) as picture:
@@ -135,16 +138,7 @@ def test_mixed_resolutions_and_orientations(capture_folder, tmp_path):
                 exif[0x0112] = 8  # stored turned
                 picture.transpose(Image.Transpose.ROTATE_270).save(path, exif=exif, quality=95)
     metrics, _ = figures(folder)
-    assert metrics["registered_ratio"] == 1 and metrics["chamfer_mm_max"] < 1.0
-
-
-def test_touching_objects(tmp_path):
-    places = {
-        "block": {"position": (-0.03, 0.0), "yaw_degrees": 0.0},
-        "can": {"position": (0.03, 0.0), "yaw_degrees": 0.0},
-    }
-    metrics, _ = figures(rendered(tmp_path / "touching", objects=places))
-    assert metrics["chamfer_mm_max"] < 1.5
+    assert metrics["registered_ratio"] == 1 and metrics["chamfer_mm_max"] < 1.5
 
 
 def test_photos_of_something_else(capture_folder, tmp_path):

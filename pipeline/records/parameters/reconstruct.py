@@ -14,10 +14,15 @@ class SparseParameters(Section):
 
     features: int = Field(4096, ge=200, le=50000, description="Maximum number of SIFT features per photo.")
     mapper: Literal["global", "incremental"] = Field(
-        "global", description="COLMAP's mapper: all camera poses at once (`global`, GLOMAP) or photo by photo."
+        "global",
+        description="COLMAP's mapper for photos of which tags pose fewer than half: all camera poses at once "
+        "(`global`, GLOMAP) or photo by photo.",
     )
-    camera_model: Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"] = Field(
-        "OPENCV", description="COLMAP's camera model to estimate if the capture has no intrinsics.yaml."
+    camera_model: Literal["SIMPLE_RADIAL", "RADIAL", "OPENCV"] = Field(
+        "OPENCV",
+        description="Richest lens model (of COLMAP's, with square pixels and the principal point in the middle) that "
+        "may be estimated if the capture has no intrinsics.yaml; the plainest is taken unless a richer one fits photos "
+        "better that took no part in estimating it.",
     )
     least_registered: float = Field(
         0.8, gt=0, le=1, description="Minimum fraction of the photos whose camera pose must be found."
@@ -77,6 +82,13 @@ class SurfaceParameters(Section):
     poisson_depth: int = Field(8, ge=4, le=11, description="Octree depth of the Poisson surface reconstruction.")
     least_points: int = Field(
         500, ge=10, description="Minimum number of points in an object's box for the object to be found."
+    )
+    least_seen: float = Field(
+        0.35,
+        ge=0,
+        le=1,
+        description="Minimum share of the surface within 3 mm of measured points; an object of which less "
+        "was measured is refused.",
     )
     points: int = Field(
         4096,
