@@ -15,6 +15,7 @@ The scene frame is the one in which ``tags.yaml`` and ``scene.yaml`` give positi
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -168,7 +169,9 @@ def _read_yaml(path: Path, model: type[Model]) -> Model:
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        raise UserError(f"{path}: {first_mistake(error, 'key')}; docs/capture.md shows what it holds.") from error
+        # Of a value that may be one of several kinds, pydantic also names the kind, such as dict[int,TagPose].
+        mistake = re.sub(r"\w+\[[^:]*\]\.?", "", first_mistake(error, "key"), count=1)
+        raise UserError(f"{path}: {mistake}; docs/capture.md shows what it holds.") from error
 
 
 def _images(folder: Path) -> tuple[Path, ...]:

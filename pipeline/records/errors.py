@@ -23,8 +23,7 @@ def first_mistake(error: ValidationError, kind: str = "parameter") -> str:
 
 
 def _mistake(mistake: Mapping[str, Any], kind: str) -> str:
-    # Of a value that may be one of several kinds, pydantic also names the kind, such as dict[int,TagPose].
-    where = ".".join(str(part) for part in mistake["loc"] if "[" not in str(part))
+    where = ".".join(str(part) for part in mistake["loc"])
     unknown = mistake["type"] == "extra_forbidden"
     text = f"unknown {kind} (misspelt?)" if unknown else mistake["msg"].removeprefix("Value error, ")
     return (f"{where}: {text}" if where else text) + ("" if _says_how(mistake) else "; correct it there")
