@@ -167,7 +167,7 @@ def from_depth(chosen: argparse.Namespace) -> None:
     from pipeline.reconstruct.depth import lifted, partial_clouds, pose_by_support, pose_by_tags, read_depth
     from pipeline.reconstruct.lens import Lens
     from pipeline.reconstruct.photos import read_grey
-    from pipeline.records.reconstructions import write_partial_cloud
+    from pipeline.records.partial_clouds import write_partial_cloud
 
     depth, lens = read_depth(chosen.depth), Lens.calibrated(intrinsics)
     grey = read_grey(chosen.photo) if layout else None

@@ -90,26 +90,6 @@ def write_reconstruction(
             )
 
 
-def write_partial_cloud(
-    folder: Path, points: NDArray[np.float64], normals: NDArray[np.float64], T_scene_object: NDArray[np.float64]
-) -> None:
-    """Write ``points.npy`` and ``object.json`` as of a reconstructed object, without a surface, as a whole folder.
-
-    Args:
-        points: (n, 3), object frame, m.
-        normals: (n, 3), unit.
-        T_scene_object: (4, 4).
-
-    Raises:
-        UserError: the folder cannot be written to.
-    """
-    with whole_folder(folder) as temporary:
-        samples = np.concatenate([points, normals], axis=1).astype(np.float32)
-        np.save(temporary / "points.npy", samples, allow_pickle=False)
-        extents = np.ptp(points, axis=0).tolist()
-        write_json(temporary / "object.json", {"T_scene_object": T_scene_object.tolist(), "extents": extents})
-
-
 def load_reconstructed_object(capture: str, name: str) -> ReconstructedObject:
     """Load one object of ``data/reconstruct/<capture>``.
 
