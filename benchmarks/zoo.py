@@ -18,6 +18,7 @@ import subprocess
 import sys
 import time
 import zipfile
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -109,7 +110,7 @@ class Project:
         return said, after.children_user - before.children_user + after.children_system - before.children_system
 
 
-def chains_of(project: Project, name: str, chains: int) -> list[str]:
+def chains_of(project: Project, name: str, objects: Sequence[str], chains: int) -> list[str]:
     """Compose the parameters of a hand with all objects and few chains; return its styles."""
     project.run("tools.scales", "compose", "demo", "--hand", name, "--force")
     yaml = YAML()
@@ -117,7 +118,7 @@ def chains_of(project: Project, name: str, chains: int) -> list[str]:
     content = yaml.load(file.read_text())
     styles = [style for style in STYLES if content["synthesize"][style]["finger_sets"]]
     for style in styles:
-        content["styles"][style] = list(OBJECTS)
+        content["styles"][style] = list(objects)
         content["synthesize"][style]["chains"] = chains
     with file.open("w") as target:
         yaml.dump(content, target)
@@ -141,7 +142,7 @@ def grasps_of(project: Project, style: str, name: str) -> dict[str, Any]:
     return found
 
 
-def row_of(project: Project, name: str, file: Path, chains: int) -> dict[str, Any]:
+def row_of(project: Project, name: str, file: Path, objects: Sequence[str], chains: int) -> dict[str, Any]:
     """Describe one hand and try it; return what came of it."""
     for left in (project.folder / "hands" / name, project.folder / "conf/hand" / f"{name}.yaml"):
         shutil.rmtree(left) if left.is_dir() else left.unlink(missing_ok=True)
@@ -155,8 +156,8 @@ def row_of(project: Project, name: str, file: Path, chains: int) -> dict[str, An
     settings = YAML(typ="safe").load((project.folder / "conf/hand" / f"{name}.yaml").read_text())
     row["sets"] = {style: settings["synthesize"].get(style, {}).get("finger_sets") for style in STYLES}
     row["grasps"] = {
-        style: {thing: grasps_of(project, style, thing) for thing in OBJECTS}
-        for style in chains_of(project, name, chains)
+        style: {thing: grasps_of(project, style, thing) for thing in objects}
+        for style in chains_of(project, name, objects, chains)
     }
     row["wall"] = time.time() - begin
     return row
@@ -192,7 +193,7 @@ def main(chosen: argparse.Namespace) -> None:
         if file.exists() and not chosen.again:
             continue
         project = project or Project(chosen.folder / "project")
-        row = row_of(project, name, file_of(name, apart), chosen.chains)
+        row = row_of(project, name, file_of(name, apart), chosen.objects, chosen.chains)
         file.write_text(json.dumps(row, indent=1))
         print(table_of([row]).to_markdown(index=False), flush=True)
     print(table_of([json.loads((kept / f"{n}.json").read_text()) for n in HANDS if (kept / f"{n}.json").exists()])
@@ -203,6 +204,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="where the wheel, the descriptions and the rows are kept")
     parser.add_argument("--hands", nargs="+", choices=HANDS, default=list(HANDS), metavar="HAND", help=", ".join(HANDS))
+    parser.add_argument("--objects", nargs="+", choices=OBJECTS, default=list(OBJECTS), metavar="OBJECT")
     parser.add_argument("--chains", type=int, default=96, help="chains per object and style")
     parser.add_argument("--again", action="store_true", help="measure hands anew that have a row already")
     main(parser.parse_args())
