@@ -28,7 +28,6 @@ HELD_RADIUS = 0.035  # m, of what fingertips are to close about
 FACING, TIP_FACING = 0.7, 0.2  # cosine between a surface's normal and the way to the middle of what is held
 ALONE, TOGETHER = -0.2, 0.1  # mean cosines between fingertips, seen from there: one that opposes, those that it opposes
 PARALLEL, ASKEW = 0.85, 0.75  # cosines of stretched fingers with each other, and of a thumb with them
-REACHED = 0.025  # m, from the ball: what of the links before a tip is farther away does not touch what fingertips hold
 BURIED = 0.001  # m, from another link: what is nearer touches nothing else
 CONTACT_LINKS = 3  # last ones of a finger that may touch
 TIP_CONTACTS, OTHER_CONTACTS = 16, 8
@@ -186,10 +185,9 @@ def inner_contacts(hand: Hand, found: Meeting) -> dict[str, tuple[NDArray[np.flo
         for name in names[-CONTACT_LINKS:]:
             link, last = hand.link(name), name == names[-1]
             points = local[owner == link]
-            to_middle = (found.centre - T[link, :3, 3]) @ T[link, :3, :3] - points  # link frame
+            inwards = _unit((found.centre - T[link, :3, 3]) @ T[link, :3, :3] - points)  # link frame
             normals = outward_normals(hand, link, points)
-            facing = (normals * _unit(to_middle)).sum(1) > (TIP_FACING if last else FACING)
-            facing &= last | (np.linalg.norm(to_middle, axis=1) < HELD_RADIUS + REACHED)
+            facing = (normals * inwards).sum(1) > (TIP_FACING if last else FACING)
             chosen = np.flatnonzero(facing & exposed(hand, link, points, found.q))
             count = min(len(chosen), TIP_CONTACTS if last else OTHER_CONTACTS)
             if count:
