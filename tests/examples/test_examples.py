@@ -32,6 +32,7 @@ def test_examples_are_short():
     assert max(len((ROOT / "examples" / name).read_text().splitlines()) for name in EXAMPLES) <= 50
 
 
+@pytest.mark.slow
 def test_own_grasps_are_scored():
     found, *spoilt = printed("02_score_own_grasps.py")[1:]
     assert found.endswith("holds") and len(spoilt) == 2

@@ -200,6 +200,7 @@ assert not Path("data/weigh").exists()
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("additions", "script", "most"), [(NEW_CHECK, CHECKED, 3), (NEW_SOURCE, KNOWN, 2), (NEW_STAGE, WEIGHED, 4)]
 )

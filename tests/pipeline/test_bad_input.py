@@ -99,6 +99,7 @@ def test_every_command_explains_itself(run, room):
     assert f"python -m pipeline.{room}" in done.stdout
 
 
+@pytest.mark.slow
 @each_stage
 def test_a_misspelt_parameter_is_found_before_anything_heavy_loads(repository, sandbox, room):
     content = sandbox.parameters()

@@ -58,6 +58,7 @@ def test_all_photos_are_posed_and_the_cameras_are_where_they_were(cameras, captu
     assert cameras.facts["focal_px"] == pytest.approx(0.99 * 480, rel=0.003) and not cameras.facts["turntable"]
 
 
+@pytest.mark.slow
 def test_photos_of_which_few_show_two_tags_are_posed_by_features(photos, seen, capture_folder):
     """The same twice: COLMAP's mapping, and what follows, depends on nothing but its input."""
     capture = read_capture(capture_folder)

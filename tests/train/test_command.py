@@ -89,6 +89,7 @@ def test_training_leaves_a_model_and_its_curve_and_no_state(model, monkeypatch):
 LEARNED = ("--source", "learned")
 
 
+@pytest.mark.slow
 def test_samples_of_a_pair_are_a_merged_table_that_does_not_depend_on_workers(model, workplace):
     assert sample.main([*LEARNED, "--object", "cube"]) == 0
     rows = read_flat(paths.sampled_file("learned", "cube"), PAIR_GRASPS, "sample@learned")
