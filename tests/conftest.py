@@ -47,17 +47,25 @@ def _dearest_first(items: list[pytest.Item]) -> None:
     """Put files with slow tests first: one that began last would leave the other processes of `./dev test` idle.
 
     The first of those that need the run of the whole pipeline makes it; the others would wait, and come after all other
-    slow ones.
+    slow ones, or last if nothing in them is slow.
     """
 
     def file_of(item: pytest.Item) -> str:
         return item.nodeid.split("::")[0]
 
-    slow = dict.fromkeys(file_of(item) for item in items if item.get_closest_marker("slow"))
-    waiting = {file_of(item) for item in items if "finished" in getattr(item, "fixturenames", ())}
-    first = next((name for name in slow if name in waiting), None)
-    place = {name: 0 if name == first else 2 if name in waiting else 1 for name in slow}
-    items.sort(key=lambda item: place.get(file_of(item), 3))
+    slow = {file_of(item) for item in items if item.get_closest_marker("slow")}
+    waiting = dict.fromkeys(file_of(item) for item in items if "finished" in getattr(item, "fixturenames", ()))
+    first = next((name for name in waiting if not slow or name in slow), None)
+
+    def place(item: pytest.Item) -> int:
+        name = file_of(item)
+        if name == first:
+            return 0
+        if name in slow:
+            return 2 if name in waiting else 1
+        return 4 if name in waiting else 3
+
+    items.sort(key=place)
 
 
 @pytest.fixture(scope="session")
