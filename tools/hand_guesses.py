@@ -98,14 +98,14 @@ def _tried(hand: Hand, q: NDArray[np.float64], opposed: Sequence[str], radius: f
     return _Tries(q, places, centre, miss, miss + EXTREME * bent + CROSSED * crossed)
 
 
-def meeting(hand: Hand, opposed: Sequence[str] = (), radius: float = HELD_RADIUS) -> Meeting:
-    """Return where the fingertips close best about a ball of some radius, m, among random postures.
+def meeting(hand: Hand, opposed: Sequence[str] = ()) -> Meeting:
+    """Return where the fingertips close best about a ball of ``HELD_RADIUS``, among random postures.
 
     Args:
         opposed: the finger that the others face, if one is known.
     """
     rng = np.random.Generator(np.random.PCG64(0))
-    tried = _tried(hand, rng.uniform(hand.lower, hand.upper, (POSTURES, hand.joint_count)), opposed, radius)
+    tried = _tried(hand, rng.uniform(hand.lower, hand.upper, (POSTURES, hand.joint_count)), opposed, HELD_RADIUS)
     order = np.argsort(tried.score, kind="stable")[:BEST]
     middle = tried.centre[order].mean(0)
     mean = (tried.places[order] - tried.centre[order, None]).mean(0)
