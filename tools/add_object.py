@@ -8,9 +8,7 @@ same one again, as it does for every new object.
 from __future__ import annotations
 
 import argparse
-import re
 import sys
-import unicodedata
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 from pydantic import ValidationError
 
+from pipeline.assets.naming import plain
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.objects import PreparedObject
@@ -55,8 +54,7 @@ class Addition:
 
 def plain_name(stem: str) -> str:
     """Return an object name derived from a file's name: ``my_mug_2`` from ``My Mug (2)``; '' if nothing is left."""
-    ascii_only = unicodedata.normalize("NFKD", stem).encode("ascii", "ignore").decode().lower()
-    return re.sub(r"^[^a-z]+|_+$", "", re.sub(r"[^a-z0-9]+", "_", ascii_only))
+    return plain(stem).lstrip("0123456789_")
 
 
 def _checked_name(name: str | None, source: Path) -> str:
@@ -117,7 +115,7 @@ def _shape(entry: dict[str, Any]) -> MeshParameters:
 def describe(addition: Addition, prepared: PreparedObject) -> list[str]:
     """Return the lines that tell the user what became of the mesh."""
     from pipeline.prepare.change import table
-    from tools.graspable import verdict
+    from pipeline.prepare.graspable import size_of, verdict
 
     facts = prepared.provenance
     size = " x ".join(f"{1000 * extent:.1f}" for extent in prepared.extents)
@@ -134,7 +132,7 @@ def describe(addition: Addition, prepared: PreparedObject) -> list[str]:
         f"  convex parts  {len(prepared.parts)}",
         f"  picture       {paths.prepared_folder(addition.name) / 'picture.png'}",
     ]
-    return lines + [f"  {style:13} {verdict(style, prepared)}" for style in addition.styles]
+    return lines + [f"  {style:13} {verdict(style, size_of(prepared.vertices))}" for style in addition.styles]
 
 
 def write(addition: Addition, prepared: PreparedObject) -> None:

@@ -90,7 +90,7 @@ def publish(folder: Path) -> None:
         UserError: a stage is not up to date, or a file is missing.
     """
     require_up_to_date()
-    trials = all_trials(read_parameters())
+    trials = all_trials(read_parameters().with_assets())
     folder.mkdir(parents=True, exist_ok=True)
     for source in (*COPIED, *sorted(paths.FIGURES_FOLDER.glob("success-*.png"))):
         if not source.exists():

@@ -13,18 +13,12 @@ from pipeline.compute.guard import CallLost, guarded
 from pipeline.prepare import change, repair, resolution, resting, sources
 from pipeline.records.errors import UserError
 from pipeline.records.objects import PreparedObject
-from pipeline.records.parameters.objects import MeshParameters, ObjectParameters
+from pipeline.records.parameters.objects import RESTING, FileShape
 from pipeline.records.parameters.prepare import PrepareParameters
 from pipeline.shapes import convex_parts, frame, mass, samples
 from pipeline.stages.seeds import item_generator
 
-SMALLEST_MARGIN = 0.002  # m, of the support polygon around the centre of mass
-SMALLEST_TIP_ANGLE = np.radians(5.0)
 CPU_SECONDS, MEGABYTES = 90, 8000  # that everything but the convex parts may take
-
-
-def _stands(standing: resting.Stance) -> bool:
-    return standing.margin >= SMALLEST_MARGIN and standing.tip_angle >= SMALLEST_TIP_ANGLE
 
 
 def _union_volume(parts: list[convex_parts.Mesh]) -> float:
@@ -38,12 +32,12 @@ def _falls_over(name: str, up: str, standing: resting.Stance, solid: repair.Soli
     others = [
         axis
         for axis in frame.ROTATIONS
-        if _stands(resting.stance(frame.canonical_vertices(solid.vertices, solid.faces, axis)))
+        if resting.stance(frame.canonical_vertices(solid.vertices, solid.faces, axis)).firm
     ]
     advice = f"set `up` to {' or '.join(others)}" if others else "give it a flat base or turn the mesh"
     return UserError(
         f"{name}: the object does not stand with {up} up (its centre of mass is "
-        f"{1000 * standing.margin:.1f} mm inside its support, {1000 * SMALLEST_MARGIN:g} are needed); {advice}."
+        f"{1000 * standing.margin:.1f} mm inside its support, {1000 * resting.SMALLEST_MARGIN:g} are needed); {advice}."
     )
 
 
@@ -55,24 +49,48 @@ class _Shape:
     up: str
     vertices: NDArray[np.float64]
     standing: resting.Stance
+    pose_probability: float | None  # that it comes to rest like that; None where `up` was given
     grid: resolution.Resolved
     changed: change.Change
     surface: NDArray[np.float32]
 
 
 def _stood(
-    name: str, solid: repair.Solid, up: str, turn: float | None, must_stand: bool
-) -> tuple[NDArray[np.float64], resting.Stance]:
-    """Return the vertices in the object's frame and how it stands.
+    name: str, solid: repair.Solid, shape: sources.Shape, up: str, must_stand: bool
+) -> tuple[NDArray[np.float64], resting.Stance, float | None]:
+    """Return the vertices in the object's frame, how it stands, and how probable that is where nobody chose it.
 
     Raises:
         UserError: it does not stand, although it must.
     """
+    turn = shape.turn
+    if up == RESTING:
+        return _come_to_rest(name, solid, shape.pose, turn)
     vertices = frame.canonical_vertices(solid.vertices, solid.faces, up, turn)
     standing = resting.stance(vertices)
-    if must_stand and not _stands(standing):
+    if must_stand and not standing.firm:
         raise _falls_over(name, up, standing, solid)
-    return vertices, standing
+    return vertices, standing, None
+
+
+def _come_to_rest(
+    name: str, solid: repair.Solid, pose: int, turn: float | None
+) -> tuple[NDArray[np.float64], resting.Stance, float]:
+    """Return what :func:`_stood` does for a pose in which the solid comes to rest.
+
+    Args:
+        pose: its number among those of :func:`pipeline.prepare.resting.poses`, from 1.
+
+    Raises:
+        UserError: there are not so many.
+    """
+    _, centre, _ = mass.solid_properties(solid.vertices, solid.faces)
+    poses = resting.poses(solid.vertices - centre, most=pose)
+    if len(poses) < pose:
+        raise UserError(f"{name}: the solid stands in {len(poses)} poses, so there is no pose {pose}; name another.")
+    R, probability = poses[pose - 1]
+    vertices = frame.canonical_vertices((solid.vertices - centre) @ R.T, solid.faces, "+z", turn)
+    return vertices, resting.stance(vertices), round(probability, 4)
 
 
 def _repaired(
@@ -93,7 +111,7 @@ def _repaired(
 def _shaped(
     name: str,
     raw: sources.RawMesh,
-    shape: ObjectParameters | MeshParameters,
+    shape: sources.Shape,
     parameters: PrepareParameters,
     must_stand: bool,
 ) -> _Shape:
@@ -105,14 +123,14 @@ def _shaped(
     up = shape.up or raw.up
     accept = False
     wishes = repair.Wishes()
-    if isinstance(shape, MeshParameters):
+    if isinstance(shape, FileShape):
         wishes, accept = repair.Wishes(shape.bodies, shape.wall), shape.accept_repair
     solid, changed = _repaired(name, raw, wishes, accept)
-    vertices, standing = _stood(name, solid, up, shape.turn, must_stand)
+    vertices, standing, probability = _stood(name, solid, shape, up, must_stand)
     grid = resolution.resolved(vertices, solid.faces, parameters)
     if grid.passes_through_itself:
         solid, changed = _repaired(name, raw, replace(wishes, rebuild=True), accept)
-        vertices, standing = _stood(name, solid, up, shape.turn, must_stand)
+        vertices, standing, probability = _stood(name, solid, shape, up, must_stand)
         grid = resolution.resolved(vertices, solid.faces, parameters)
     if not accept:
         resolution.check(grid, name)
@@ -120,12 +138,12 @@ def _shaped(
     surface = samples.surface_samples(
         vertices, solid.faces, parameters.surface_points, item_generator(0, "prepare", name)
     )
-    return _Shape(solid, up, vertices, standing, grid, changed, surface)
+    return _Shape(solid, up, vertices, standing, probability, grid, changed, surface)
 
 
 def prepare_object(
     name: str,
-    shape: ObjectParameters | MeshParameters,
+    shape: sources.Shape,
     parameters: PrepareParameters,
     raw: sources.RawMesh | None = None,
     must_stand: bool = True,
@@ -189,6 +207,8 @@ def _remarks(raw: sources.RawMesh, made: _Shape) -> dict[str, Any]:
     found: dict[str, Any] = {}
     if raw.guessed_unit:
         found = {"guessed_unit": raw.guessed_unit, "longest_extent_in_file": raw.longest}
+    if made.pose_probability is not None:
+        found["pose_probability"] = made.pose_probability
     if made.changed.notable:
         found["changes"] = made.changed.record()
     return found

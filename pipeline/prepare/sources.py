@@ -16,7 +16,9 @@ from pipeline.prepare.recipes import recipe_mesh
 from pipeline.records.errors import UserError
 from pipeline.records.geometry import FORMATS, read_geometry
 from pipeline.records.packages import Content, shape_in, unit_in, up_axis
-from pipeline.records.parameters.objects import MeshParameters, ObjectParameters
+from pipeline.records.parameters.objects import AssetMesh, MeshParameters, ObjectParameters
+
+Shape = ObjectParameters | MeshParameters | AssetMesh
 
 UNIT_LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}  # m
 READING_SECONDS, READING_MEGABYTES = 60, 8000  # that reading a file may take
@@ -138,19 +140,26 @@ def check_file(path: Path, where: str) -> None:
         raise UserError(f"{where}: {path} may not be read; make it readable (chmod u+r).")
 
 
-def check_source(parameters: ObjectParameters | MeshParameters, name: str) -> None:
+def _where(parameters: MeshParameters | AssetMesh, name: str) -> str:
+    """Return what an error message about a mesh file begins with."""
+    return (
+        f"{name} ({parameters.path} of {parameters.package})" if isinstance(parameters, AssetMesh) else f"meshes.{name}"
+    )
+
+
+def check_source(parameters: Shape, name: str) -> None:
     """Check what can be known of the source without reading it.
 
     Raises:
         UserError: the scan or the file does not exist, or the file's format is unknown.
     """
-    if isinstance(parameters, MeshParameters):
-        check_file(Path(parameters.file), f"meshes.{name}")
+    if isinstance(parameters, MeshParameters | AssetMesh):
+        check_file(Path(parameters.file), _where(parameters, name))
     elif parameters.ycb is not None:
         _ycb_file(parameters.ycb, name)
 
 
-def raw_mesh(parameters: ObjectParameters | MeshParameters, name: str, read_from: Path | None = None) -> RawMesh:
+def raw_mesh(parameters: Shape, name: str, read_from: Path | None = None) -> RawMesh:
     """Return the triangles of an object in metres, in the axes of its source.
 
     Args:
@@ -163,11 +172,13 @@ def raw_mesh(parameters: ObjectParameters | MeshParameters, name: str, read_from
     up = "+z"
     if read_from is None:
         check_source(parameters, name)
-    if isinstance(parameters, MeshParameters):
-        where = f"meshes.{name}"
+    if isinstance(parameters, MeshParameters | AssetMesh):
+        where = _where(parameters, name)
         shape = shape_content(read_from or Path(parameters.file), where)
         vertices, faces = triangles_in(shape, Path(parameters.file), where)
         source, licence = f"file {parameters.file}", "as supplied by the user"
+        if isinstance(parameters, AssetMesh):
+            source, licence = f"{parameters.path} of the package {parameters.package}", parameters.licence
         up, own_unit = up_axis(shape), unit_in(shape)
         if parameters.unit is None and parameters.fit_longest is None and own_unit is not None:
             return RawMesh(vertices * (own_unit * parameters.scale), faces, source, licence, up=up)

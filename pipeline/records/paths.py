@@ -27,9 +27,18 @@ LEARNED = "learned"
 RECONSTRUCTED = "reconstructed"
 
 
+def assets_folder(source: str) -> Path:
+    """Folder of the meshes of one source that were taken out of a package."""
+    return Path("data/assets") / source
+
+
 def prepared_folder(object_name: str) -> Path:
     """Folder of one prepared object."""
     return Path("data/prepare") / object_name
+
+
+# What became of every object that comes from a package; absent if there are none.
+CATALOGUE_FILE = prepared_folder("catalogue.csv")
 
 
 def candidates_file(style: str, object_name: str) -> Path:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def work() -> None:
     """Read every table, count, draw, and write the page, the figures, the card, the summary and the pairs."""
-    parameters = read_parameters()
+    parameters = read_parameters().with_assets()
     require_allegro(parameters)
     from plotly.offline import get_plotlyjs
 

@@ -44,15 +44,18 @@ def train_model() -> None:
     from pipeline.model.checkpoint import write_checkpoint
     from pipeline.records.flat import PAIR_GRASPS, pair_rows, read_flat
     from pipeline.records.objects import load_prepared_object
-    from pipeline.train.data import gather_examples
+    from pipeline.train.data import gather_examples, held_out_objects
     from pipeline.train.training import train, training_identity
 
-    tables = {}
-    for first, seconds in chosen_pairs(parameters).items():
+    tables: dict[tuple[str, str], Any] = {}
+    pairs = chosen_pairs(parameters)
+    unseen = held_out_objects({name for first, own in pairs.items() for name in (first, *own)}, data, seed)
+    for first, seconds in pairs.items():
+        learned = [second for second in seconds if second not in unseen]
+        if first in unseen or not learned:
+            continue
         merged = read_flat(paths.merged_file(first), PAIR_GRASPS, "merge")
-        for second in seconds:
-            if not {first, second} & set(data.held_out_objects):
-                tables[first, second] = pair_rows(merged, second)
+        tables |= {(first, second): pair_rows(merged, second) for second in learned}
     objects = {name: load_prepared_object(name) for name in dict.fromkeys(name for pair in tables for name in pair)}
     settings = {name.partition(".")[2]: value for name, value in parameters.items() if name.startswith("train.")}
     training = TrainingParameters(**settings)

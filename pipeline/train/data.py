@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +36,22 @@ class Examples:
         return np.array([[self.objects.index(name) for name in pair] for pair in self.pairs])
 
 
+def held_out_objects(names: Iterable[str], data: TrainDataParameters, seed: int) -> set[str]:
+    """Return which objects are kept from training; whether one is does not depend on the others."""
+
+    def drawn(name: str) -> bool:
+        mesh = re.sub(r"_pose\d+$", "", name)
+        return item_generator(seed, "train", "held_out_object", mesh).random() < data.held_out_share
+
+    return {
+        name
+        for name in names
+        if name in data.held_out_objects
+        or any(name.startswith(f"{source}_") for source in data.held_out_sources)
+        or drawn(name)
+    }
+
+
 def held_out_grasps(table: pd.DataFrame, slot: int, share: float, seed: int) -> set[int]:
     """Return the single grasps of one object in one slot, by id, that are kept from training: a share, at least one.
 
@@ -60,7 +77,7 @@ def gather_examples(
         UserError: there is nothing to learn from, or ``held_out_pairs`` names an unknown pair.
     """
     for first, second in data.held_out_pairs:
-        if (first, second) not in tables and not {first, second} & set(data.held_out_objects):
+        if (first, second) not in tables and not held_out_objects((first, second), data, seed):
             raise UserError(
                 f"params.yaml: train.data.held_out_pairs names the unknown pair [{first}, {second}]; "
                 "name a pair of `styles` and `pairs`."

@@ -235,7 +235,8 @@ def _deterministic(settings: OptimizationParameters) -> Iterator[None]:
 
 def training_identity(examples: Examples, settings: TrainingParameters, seed: int, code: str) -> str:
     """Return a digest of all that the model depends on: a state of another run must not be resumed."""
-    names = {"data": {"held_out_objects"}}  # what is not learned from is not among the examples either
+    # What is not learned from is not among the examples either.
+    names = {"data": {"held_out_objects", "held_out_sources", "held_out_share"}}
     values = (seed, examples.pairs, examples.split.tolist(), sorted(examples.held_out.items()), torch.__version__, code)
     digest = hashlib.sha256(f"{settings.model_dump_json(exclude=names)} {values}".encode())
     for array in (examples.grasps.T_hand_object, examples.grasps.q, examples.pair, examples.clouds.points):

@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from pipeline.view.page import Page
 
     def read_library() -> Library:
-        parameters = read_parameters()
+        parameters = read_parameters().with_assets()
         return Library(parameters, load_hand(parameters.hand))
 
     page = Page(read_library, chosen.host, chosen.port, chosen.name)

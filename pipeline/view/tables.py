@@ -68,7 +68,7 @@ def known_tables(parameters: Parameters, hand: Hand) -> list[Table]:
 
 
 def _objects(parameters: Parameters) -> list[Table]:
-    names = sorted([*parameters.objects, *parameters.meshes])
+    names = sorted({*parameters.objects, *parameters.meshes, *parameters.styles.pinch, *parameters.styles.side})
     return [Table(OBJECTS, paths.prepared_folder(name), "prepare", first=name) for name in names]
 
 

@@ -92,7 +92,7 @@ def _stage(name: str, body: dict, variables: dict[str, str]) -> Stage:
     return Stage(
         name=name,
         command=_filled(body["cmd"], variables),
-        dependencies=filled(body["deps"]),
+        dependencies=filled(body.get("deps", [])),
         parameters=tuple(line.removeprefix(SETTINGS) for line in lines if line.startswith(SETTINGS)),
         lines=tuple(line for line in lines if not f"{line}.".startswith(SETTINGS)),
         outputs=filled([*body.get("outs", []), *body.get("metrics", [])]),

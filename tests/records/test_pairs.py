@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from pipeline.records.parameters.pairs import LEAST, MOST, partners
+from pipeline.records.parameters.pairs import LEAST, MOST, PartnersWithin, partners
 
 FIRSTS = [f"first_{number}" for number in range(120)]
 SECONDS = [f"second_{number}" for number in range(80)]
@@ -54,3 +54,15 @@ def test_one_object_more_or_fewer_leaves_most_pairs_of_the_others(firsts, second
     before, after = pairs_of(FIRSTS, SECONDS, 4, 1), pairs_of(firsts, seconds, 4, 1)
     kept = {(first, second) for first, second in before if first in firsts and second in seconds}
     assert len(kept - after) < 0.05 * len(before)
+
+
+def test_partners_come_from_the_same_origin():
+    firsts = [*FIRSTS, *(f"ycb_{number}" for number in range(10)), "ycbx_1"]
+    seconds = [*SECONDS, *(f"ycb_{number}" for number in range(5, 20))]
+    drawn = partners(firsts, seconds, PartnersWithin(partners=3, within=["ycb"]), 1)
+    assert list(drawn) == firsts and {len(own) for own in drawn.values()} == {3}
+    for first, own in drawn.items():
+        assert {second.startswith("ycb_") for second in own} == {first.startswith("ycb_")}
+    assert {first: own for first, own in drawn.items() if not first.startswith("ycb_")} == partners(
+        [*FIRSTS, "ycbx_1"], SECONDS, 3, 1
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -84,6 +85,30 @@ def test_training_leaves_a_model_and_its_curve_and_no_state(model, monkeypatch):
     monkeypatch.setattr(stage, "own_fingerprint", lambda line: f"code of {line}")
     assert stage.main() == 0
     assert {path.name: path.read_bytes() for path in model.iterdir()} == before
+
+
+def test_nothing_of_a_held_out_object_is_opened_in_training(workplace, tmp_path, monkeypatch):
+    """The model is the same, to the byte, where those files and rows are not there."""
+    models = []
+    for missing in (False, True):
+        folder = tmp_path / str(missing)
+        shutil.copytree(workplace, folder, ignore=shutil.ignore_patterns("models"))
+        values = yaml.safe_load((folder / "params.yaml").read_text())
+        values["train"]["data"]["held_out_objects"] = ["ball", "slender"]
+        (folder / "params.yaml").write_text(yaml.safe_dump(values))
+        monkeypatch.chdir(folder)
+        if missing:
+            for name in ("ball", "slender"):
+                shutil.rmtree(paths.prepared_folder(name))
+            paths.merged_file("ball").unlink()
+            rows = read_flat(paths.merged_file("cube"), PAIR_GRASPS, "merge")
+            write_pairs(paths.merged_file("cube"), rows[rows["object1"] != "slender"], PAIR_GRASPS)
+        monkeypatch.setattr("sys.argv", ["train"])
+        monkeypatch.setattr(stage, "own_fingerprint", lambda line: f"code of {line}")
+        assert stage.main() == 0
+        models.append({path.name: path.read_bytes() for path in paths.MODEL_FOLDER.iterdir()})
+    assert models[0] == models[1]
+    assert json.loads(models[0]["model.json"])["pairs"] == [["cube", "can"]]
 
 
 LEARNED = ("--source", "learned")

@@ -4,7 +4,7 @@ import pytest
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.train import TrainDataParameters
 from pipeline.records.poses import pose_matrix
-from pipeline.train.data import gather_examples
+from pipeline.train.data import gather_examples, held_out_objects
 from tests.train.conftest import FIRSTS, SECONDS
 
 
@@ -55,3 +55,20 @@ def test_what_cannot_be_learned_from_is_named(tables, objects, settings):
     empty = {pair: table[table["rejected_by"] != ""] for pair, table in tables.items()}
     with pytest.raises(UserError, match="no accepted grasp"):
         gather(empty, objects, settings)
+
+
+def test_a_share_of_objects_is_drawn_one_by_one_and_poses_together():
+    names = [f"shop_{number}" for number in range(2000)]
+    data = TrainDataParameters(held_out_share=0.3)
+    drawn = held_out_objects(names, data, seed=1)
+    assert abs(len(drawn) - 600) < 5 * np.sqrt(2000 * 0.3 * 0.7)
+    assert held_out_objects(names[:50], data, seed=1) == drawn & set(names[:50])
+    assert held_out_objects(names, data, seed=2) != drawn
+    poses = {f"{name}_pose2" for name in names}
+    assert held_out_objects(poses, data, seed=1) == {f"{name}_pose2" for name in drawn}
+    assert held_out_objects(names, TrainDataParameters(), seed=1) == set()
+
+
+def test_a_source_and_names_are_held_out():
+    data = TrainDataParameters(held_out_sources=["ycb"], held_out_objects=["mug"])
+    assert held_out_objects(["ycb_mug", "mug", "ycbx", "can"], data, seed=1) == {"ycb_mug", "mug"}

@@ -21,6 +21,7 @@ import yaml
 from pydantic import Field, ValidationError, model_validator
 
 from pipeline.records import paths
+from pipeline.records.catalogue import styles_of_assets
 from pipeline.records.errors import UserError, first_mistake
 from pipeline.records.hands import ALLEGRO, description_file
 from pipeline.records.parameters.capture import CaptureParameters, ReconstructedParameters, RenderingParameters
@@ -30,8 +31,8 @@ from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.hand import read_description
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.names import require_name
-from pipeline.records.parameters.objects import MeshParameters, ObjectParameters, StylesParameters
-from pipeline.records.parameters.pairs import PairsParameter, sequences
+from pipeline.records.parameters.objects import AssetParameters, MeshParameters, ObjectParameters, StylesParameters
+from pipeline.records.parameters.pairs import PairsParameter, PartnersWithin, sequences
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.picks import PickParameters, check_picks, objects_of
 from pipeline.records.parameters.prepare import PrepareParameters
@@ -45,7 +46,7 @@ from pipeline.records.parameters.validate import ValidateParameters
 from pipeline.records.texts import parse_yaml
 
 # What the members of a section are, where they are not objects.
-_KINDS = {"conditions": "condition"}
+_KINDS = {"conditions": "condition", "assets": "source"}
 # A stage that reads one of these handles two objects, the arm or the learned model.
 _OF_THE_ALLEGRO = ("merge", "train", "evaluate", "conditions", "report")
 OBJECT_NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -54,7 +55,7 @@ OBJECT_NAME = re.compile(r"[a-z][a-z0-9_]*")
 class Parameters(Section):
     """The whole of ``params.yaml``."""
 
-    scale: Literal["demo", "paper", "three", "tiny"] = Field(
+    scale: Literal["demo", "paper", "three", "tiny", "wide"] = Field(
         description="Scale: the file of conf/scale that was composed."
     )
     preset: Literal["ours", "official", "published_model"] = Field(
@@ -68,8 +69,9 @@ class Parameters(Section):
     pairs: PairsParameter = Field(
         "all",
         description="Objects that are picked one after the other: `all` pairs every object of styles.pinch with every "
-        "object of styles.side; a number gives each first object that many partners, drawn evenly from the seed; a "
-        "list names the pairs as [first, second]. With more than two picks: `all`, or a list of sequences. Paper: all.",
+        "object of styles.side; a number gives each first object that many partners, drawn evenly from the seed; "
+        "`{partners: 4, within: [ycb]}` draws them among objects of one origin; a list names the pairs as [first, "
+        "second]. With more than two picks: `all`, or a list of sequences. Paper: all.",
     )
     picks: tuple[PickParameters, ...] = Field(
         tuple(PickParameters.model_validate({"style": style}) for style in ("pinch", "side")),
@@ -78,6 +80,9 @@ class Parameters(Section):
     )
     objects: dict[str, ObjectParameters] = Field({}, description="Objects from packages and recipes, by name.")
     meshes: dict[str, MeshParameters] = Field({}, description="Objects from the user's own mesh files, by name.")
+    assets: dict[str, AssetParameters] = Field(
+        {}, description="Packages whose mesh files become objects, by the first part of the objects' names."
+    )
     renderings: dict[str, RenderingParameters] = Field({}, description="Captures to render, by name.")
     captures: dict[str, CaptureParameters] = Field({}, description="Captures to reconstruct, by name.")
     reconstructed: dict[str, ReconstructedParameters] = Field(
@@ -99,10 +104,16 @@ class Parameters(Section):
 
     @model_validator(mode="after")
     def _names_agree(self) -> Parameters:
-        for name in [*self.objects, *self.meshes]:
+        for name in [*self.objects, *self.meshes, *self.assets]:
             if not OBJECT_NAME.fullmatch(name):
                 raise ValueError(
                     f"object name {name!r}: use lower-case letters, digits and underscores, and begin with a letter"
+                )
+        for name in [*self.objects, *self.meshes]:
+            if self.is_asset(name):
+                raise ValueError(
+                    f"the object name {name!r} begins like those of a source under assets; rename the object or the "
+                    "source"
                 )
         for name, mesh in self.meshes.items():
             if name in self.objects:
@@ -112,7 +123,7 @@ class Parameters(Section):
         for style in ("pinch", "side"):
             names = getattr(self.styles, style)
             for name in names:
-                if name not in self.objects and name not in self.meshes:
+                if name not in self.objects and name not in self.meshes and not self.is_asset(name):
                     raise ValueError(
                         f"styles.{style} lists the unknown object {name!r}; add it to objects or meshes, or remove it"
                     )
@@ -123,7 +134,7 @@ class Parameters(Section):
     @model_validator(mode="after")
     def _pairs_agree(self) -> Parameters:
         check_picks(self.picks, dict(self.styles))
-        if isinstance(self.pairs, int) and len(self.picks) > 2:
+        if isinstance(self.pairs, int | PartnersWithin) and len(self.picks) > 2:
             raise ValueError("pairs: only partners of two objects are drawn; name the sequences, or write all")
         if isinstance(self.pairs, list):
             known = [objects_of(pick, dict(self.styles)) for pick in self.picks]
@@ -133,13 +144,23 @@ class Parameters(Section):
                         f"pairs: {', '.join(names)} has {len(names)} objects, but picks has {len(known)}; list as many"
                     )
                 for number, (name, own) in enumerate(zip(names, known, strict=True)):
-                    if name not in own:
+                    if name not in own and not self.is_asset(name):
                         raise ValueError(f"pairs: {name} is not in styles.{self.picks[number].style}; add it there")
             if len(set(self.pairs)) != len(self.pairs):
                 raise ValueError("pairs lists a pair twice; remove one")
         for pick in self.picks:
             if pick.post is not None and pick.post.margin < self.evaluate.perturbation:
                 raise ValueError("picks: the margin of a post must be at least evaluate.perturbation")
+        return self
+
+    @model_validator(mode="after")
+    def _sources_agree(self) -> Parameters:
+        for source in self.train.data.held_out_sources:
+            if source not in self.assets:
+                raise ValueError(
+                    f"train.data.held_out_sources names {source!r}, which is not under assets; use one of "
+                    f"{', '.join(self.assets) or 'none yet'}"
+                )
         return self
 
     @model_validator(mode="after")
@@ -263,6 +284,22 @@ class Parameters(Section):
             raise ValueError(f"evaluate.control_frequency must divide physics.frequency ({self.physics.frequency})")
         return self
 
+    def is_asset(self, name: str) -> bool:
+        """Return whether an object's name is one that a source under ``assets`` gives."""
+        return any(name.startswith(f"{source}_") for source in self.assets)
+
+    def with_assets(self) -> Parameters:
+        """Return the parameters with the objects from packages in their styles, as prepare has found them.
+
+        Raises:
+            UserError: prepare has not run.
+        """
+        if not self.assets:
+            return self
+        found = styles_of_assets(paths.CATALOGUE_FILE, self.assets)
+        merged = {style: list(dict.fromkeys([*own, *found.get(style, ())])) for style, own in self.styles}
+        return self.model_copy(update={"styles": StylesParameters(**merged)})
+
     def sequences(self) -> list[tuple[str, ...]]:
         """Return the objects of every sequence, in the order of picking."""
         own = [objects_of(pick, dict(self.styles)) for pick in self.picks]
@@ -322,6 +359,8 @@ def load_with_workers(
 ) -> tuple[dict[str, Any], ComputeParameters]:
     """Return the sections as :func:`load_parameters` does, and where items run, which no result depends on."""
     parameters = read_parameters(source)
+    if any(name.split(".")[0] in ("styles", "conditions") for name in sections):
+        parameters = parameters.with_assets()
     if any(name.split(".")[0] in _OF_THE_ALLEGRO for name in sections):
         require_allegro(parameters, source)
     if any(name.split(".")[0] == "conditions" for name in sections):

@@ -75,7 +75,7 @@ class ConditionsParameters(Section):
         le=1000,
         description="Trials per pair and condition: the first of the standard trials, so at most evaluate.trials.",
     )
-    sources: list[str] = Field(list(SOURCES), description="Sources of grasps to try under every condition.")
+    sources: list[str] = Field(list(SOURCES), description="Sources of grasps to try under every condition; [] tries none.")
     engines: list[Engine] = Field(["sapien"], description="Physics engines in which every condition is tried.")
     settings: dict[str, Condition] = Field(
         {},
@@ -93,8 +93,8 @@ class ConditionsParameters(Section):
         for source in self.sources:
             if source not in SOURCES:
                 raise ValueError(f"there is no source {source!r}; use one of {', '.join(SOURCES)}")
-        if self.settings and not self.pairs:
-            raise ValueError("pairs is empty, so no condition would be tried; add pairs, or remove all settings")
+        if self.settings and self.sources and not self.pairs:
+            raise ValueError("pairs is empty, so no condition would be tried; add pairs, or empty sources or settings")
         return self
 
     def series(self, reconstructed: bool) -> list[TrialSeries]:

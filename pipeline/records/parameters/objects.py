@@ -1,4 +1,4 @@
-"""`objects`: the catalogue, and `styles`: which objects are grasped how."""
+"""`objects`, `meshes` and `assets`: where objects come from, and `styles`: which of them are grasped how."""
 
 from __future__ import annotations
 
@@ -23,11 +23,17 @@ Recipe = Literal[
 ]
 
 
+Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+RESTING = "auto"  # for `up`: as the solid comes to rest
+
+
 class _Shape(Section):
     """What all objects have, wherever their shape comes from."""
 
-    up: Literal["+x", "-x", "+y", "-y", "+z", "-z"] = Field(
-        "+z", description="Axis of the source's frame that points up when the object stands ready to be grasped."
+    up: Axis | Literal["auto"] = Field(
+        "+z",
+        description="Axis of the source's frame that points up when the object stands ready to be grasped; `auto`: "
+        "that of a resting pose.",
     )
     turn: float | None = Field(
         None, ge=-360, le=360, description="[degrees] Rotation about the vertical, counter-clockwise seen from above."
@@ -48,7 +54,16 @@ class _Shape(Section):
         return self
 
 
-class ObjectParameters(_Shape):
+class _InOnePose(Section):
+    pose: int = Field(
+        1,
+        ge=1,
+        le=12,
+        description="With `up: auto`: the pose in which the solid rests, 1 for the most probable one.",
+    )
+
+
+class ObjectParameters(_Shape, _InOnePose):
     """An object that ships with the packages: a YCB scan or a shape recipe (exactly one of ``ycb``, ``recipe``)."""
 
     ycb: str | None = Field(
@@ -74,19 +89,19 @@ class ObjectParameters(_Shape):
         return self
 
 
-class MeshParameters(_Shape):
-    """A user's own object, from a mesh file."""
+class FileShape(_Shape):
+    """An object from a mesh file."""
 
-    file: str = Field(description="Path of the mesh file, which must be below data/raw, such as data/raw/mug.stl.")
     unit: Literal["m", "cm", "mm", "inch"] | None = Field(
         None,
         description="Length unit of the mesh file. If omitted, the file's own if it names one (3mf, dae), or guessed "
         "from the object's size, with a warning.",
     )
-    up: Literal["+x", "-x", "+y", "-y", "+z", "-z"] | None = Field(  # type: ignore[assignment]
+    up: Axis | Literal["auto"] | None = Field(  # type: ignore[assignment]
         None,
-        description="Axis of the file that points up when the object stands ready to be grasped. If omitted: +y for "
-        "glb and gltf, as that format's standard says; the axis that a dae file names; +z for all others.",
+        description="Axis of the file that points up when the object stands ready to be grasped; `auto`: that of a "
+        "resting pose. If omitted: +y for glb and gltf, as that format's standard says; the axis that a dae file "
+        "names; +z for all others.",
     )
     bodies: Literal["refuse", "largest", "all"] | Annotated[int, Field(ge=1)] = Field(
         "refuse",
@@ -102,6 +117,69 @@ class MeshParameters(_Shape):
     accept_repair: bool = Field(
         False, description="Take the mesh even if its repair changes the shape by more than the limits allow."
     )
+
+
+class MeshParameters(FileShape, _InOnePose):
+    """A user's own object, from a mesh file."""
+
+    file: str = Field(description="Path of the mesh file, which must be below data/raw, such as data/raw/mug.stl.")
+
+
+class AssetParameters(FileShape):
+    """Objects from mesh files in a package, any number by one pattern.
+
+    What cannot be prepared is listed with its reason in data/prepare/catalogue.csv, and stops nothing.
+    """
+
+    package: str = Field(
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*==[A-Za-z0-9.+!]+$",
+        description="Package and version that hold the meshes, such as pybullet==3.2.7. Files of an installed package "
+        "are read where they lie; the wheel of any other is fetched and taken apart, never installed.",
+    )
+    sha256: str | None = Field(
+        None,
+        pattern=r"^[0-9a-f]{64}$",
+        description="Digest of the wheel; required unless the package is installed.",
+    )
+    python: str = Field(
+        "3.11", pattern=r"^3\.\d+$", description="Python version for which the wheel is built, whichever one runs."
+    )
+    files: list[str] = Field(
+        min_length=1,
+        description="Patterns of the mesh files' paths in the package: * and ? match within one folder, ** across "
+        "folders; one that begins with ! takes files out again.",
+    )
+    licence: str = Field(min_length=1, description="Terms under which the meshes may be used, as their authors state.")
+    licence_files: list[str] = Field(
+        ["*.dist-info/**/*LICEN[CS]E*"],
+        min_length=1,
+        description="Patterns of the files with the terms, which are kept with the meshes.",
+    )
+    count: int | None = Field(
+        None,
+        ge=1,
+        description="Number of meshes to take, drawn evenly; a larger number keeps those of a smaller one. null: all.",
+    )
+    poses: int = Field(
+        1,
+        ge=1,
+        le=12,
+        description="With `up: auto`: so many objects are made of each mesh, in its most probable resting poses.",
+    )
+    styles: Literal["auto"] | list[Literal["pinch", "side"]] = Field(
+        "auto", description="Styles in which the objects are grasped; `auto`: those that fit each object's size."
+    )
+
+
+class AssetMesh(FileShape, _InOnePose):
+    """One object of a source under ``assets``."""
+
+    file: str
+    source: str  # under `assets`
+    package: str
+    path: str  # in the package
+    licence: str
+    styles: Literal["auto"] | list[Literal["pinch", "side"]]
 
 
 class StylesParameters(Section):

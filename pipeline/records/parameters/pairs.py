@@ -11,9 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from pipeline.records.parameters.section import Section
 from pipeline.stages.seeds import item_seed
 
-PairsParameter = Literal["all"] | Annotated[int, Field(ge=1)] | list[tuple[str, ...]]
+
+class PartnersWithin(Section):
+    """Partners of one origin: a model that was not trained on an origin knows neither object of its pairs."""
+
+    partners: int = Field(ge=1, description="Number of partners of each first object.")
+    within: list[str] = Field(
+        min_length=1,
+        description="First parts of objects' names, such as sources under `assets`: objects whose names begin with one "
+        "of them are paired among themselves, all others with each other.",
+    )
+
+
+PairsParameter = Literal["all"] | Annotated[int, Field(ge=1)] | PartnersWithin | list[tuple[str, ...]]
 
 LEAST, MOST = 0.5, 1.5  # partners of a second object, in parts of an even share
 
@@ -34,6 +47,8 @@ def partners(
     """
     if pairs == "all":
         return {first: tuple(seconds) for first in firsts}
+    if isinstance(pairs, PartnersWithin):
+        return _within(firsts, seconds, pairs, seed)
     if isinstance(pairs, int):
         chosen = _drawn(firsts, seconds, min(pairs, len(seconds)), seed)
     else:
@@ -43,6 +58,19 @@ def partners(
         first: tuple(second for second, is_chosen in zip(seconds, row, strict=True) if is_chosen)
         for first, row in zip(firsts, chosen, strict=True)
     }
+
+
+def _within(
+    firsts: Sequence[str], seconds: Sequence[str], pairs: PartnersWithin, seed: int
+) -> dict[str, tuple[str, ...]]:
+    def origin(name: str) -> str:
+        return next((begin for begin in pairs.within if name.startswith(f"{begin}_")), "")
+
+    found: dict[str, tuple[str, ...]] = {}
+    for begin in (*pairs.within, ""):
+        own = [[name for name in names if origin(name) == begin] for names in (firsts, seconds)]
+        found |= partners(own[0], own[1], pairs.partners, seed)
+    return {first: found[first] for first in firsts}
 
 
 def sequences(objects: Sequence[Sequence[str]], pairs: PairsParameter, seed: int) -> list[tuple[str, ...]]:

@@ -29,6 +29,17 @@ class TrainDataParameters(Section):
         description="Objects that the model is not trained on. While new objects are listed here, the model and its "
         "grasps of all other objects stay unchanged. Paper's code: none.",
     )
+    held_out_sources: list[str] = Field(
+        [],
+        description="Sources under `assets` whose objects the model is not trained on, like those of held_out_objects.",
+    )
+    held_out_share: float = Field(
+        0.0,
+        ge=0,
+        le=0.9,
+        description="Fraction of all objects that the model is not trained on, drawn from the seed one by one; all "
+        "resting poses of a mesh together.",
+    )
     normalise: bool = Field(
         True, description="Normalise each dimension of a grasp to zero mean and unit variance. Paper's code: false."
     )

@@ -1,4 +1,4 @@
-"""Which widths of objects the hand can hold.
+"""Which styles fit an object's size.
 
 Measured with synthesis and validation as configured, on upright shapes of 500 kg/m3: boxes of square base and 60 mm
 height for a pinch (96 chains each), cylinders for a side grasp (192 chains). Chains that ended in a validated grasp:
@@ -14,35 +14,48 @@ The geometry of the hand alone agrees for the side grasp (contacts of ring finge
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from pipeline.records.objects import PreparedObject
+from scipy.spatial import ConvexHull
 
 READILY = {"pinch": (0.015, 0.100), "side": (0.035, 0.080)}  # m
 HARDLY = {"pinch": (0.010, 0.130), "side": (0.025, 0.090)}  # m; beyond, no grasp was found
 
 
-def caliper_width(vertices: NDArray[np.float64]) -> float:
-    """Return the smallest horizontal width (m) of a shape (V, 3): the gap of two upright parallel plates around it."""
-    from scipy.spatial import ConvexHull
+@dataclass(frozen=True)
+class Size:
+    """The size of an upright object, m."""
 
+    width: float  # the gap of two upright parallel plates around it, at its smallest
+    depth: float  # its extent along those plates
+    height: float
+
+
+def size_of(vertices: NDArray[np.float64]) -> Size:
+    """Return the size of a shape (V, 3), z up."""
     hull = ConvexHull(vertices[:, :2])
     # The smallest width of a convex polygon is across one of its edges.
-    across = vertices[hull.vertices, :2] @ hull.equations[:, :2].T
-    return float(np.ptp(across, axis=0).min())
+    flat = vertices[hull.vertices, :2]
+    normals = hull.equations[:, :2]
+    widths = np.ptp(flat @ normals.T, axis=0)
+    across = normals[widths.argmin()]
+    depth = np.ptp(flat @ np.array([-across[1], across[0]]))
+    return Size(float(widths.min()), float(depth), float(np.ptp(vertices[:, 2])))
 
 
-def verdict(style: str, prepared: PreparedObject) -> str:
-    """Return in words whether the width of an object fits a style."""
-    width = caliper_width(prepared.vertices)
+def fitting_styles(size: Size) -> list[str]:
+    """Return the styles in which an object of this size is readily grasped."""
+    return [style for style, (low, high) in READILY.items() if low <= size.width <= high]
+
+
+def verdict(style: str, size: Size) -> str:
+    """Return in words whether a size fits a style."""
     (low, high), (least, most) = READILY[style], HARDLY[style]
-    said = f"{1000 * width:.1f} mm wide: "
-    if low <= width <= high:
+    said = f"{1000 * size.width:.1f} mm wide: "
+    if low <= size.width <= high:
         return said + "fits"
-    if least <= width <= most:
+    if least <= size.width <= most:
         return said + f"barely fits, expect few grasps ({1000 * low:.0f} to {1000 * high:.0f} mm are best)"
     return said + f"does not fit, expect no grasps ({1000 * low:.0f} to {1000 * high:.0f} mm are best)"
