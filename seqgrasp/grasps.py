@@ -118,9 +118,9 @@ def sample_grasps(
     Raises:
         UserError: a file cannot be used, there is no trained model, or no sample passed the checks.
     """
-    from pipeline.sample.__main__ import sample_own
+    from pipeline.propose.__main__ import propose
 
-    sample_own((Path(object0), Path(object1)), count, Path(output))
+    propose((Path(object0), Path(object1)), count, Path(output))
     return pd.read_parquet(Path(output) / "grasps.parquet")
 
 

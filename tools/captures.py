@@ -181,7 +181,7 @@ def from_depth(chosen: argparse.Namespace) -> None:
     for name, cloud in partial_clouds(points, T, scene, settings.reconstruct.surface).items():
         write_partial_cloud(chosen.out / name, cloud.points, cloud.normals, cloud.T_scene_object)
         print(f"{chosen.out / name}/points.npy: {len(cloud.points)} points of {name}, as one camera sees it.")
-    print("For grasps: python -m pipeline.sample --object0 FILE --object1 FILE, with two of these files.")
+    print("For grasps: ./dev sample --object0 FILE --object1 FILE, with two of these files.")
 
 
 def normals(chosen: argparse.Namespace) -> None:

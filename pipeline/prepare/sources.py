@@ -89,7 +89,7 @@ def triangles_in(shape: Content, path: Path, where: str) -> tuple[NDArray[np.flo
     if len(mesh.vertices) and len(faces) == 0:
         raise UserError(
             f"{where}: {path} is a point cloud ({len(mesh.vertices)} points, no triangles); reconstruct a surface "
-            "from it in a mesh program, or draw grasps for it as it is with `python -m pipeline.sample --object0`."
+            "from it in a mesh program, or draw grasps for it as it is with `./dev sample --object0`."
         )
     if len(faces) == 0:
         raise _unreadable(path, where, "it is empty")

@@ -6,28 +6,23 @@ of ``merge``, and ``quality.json``.
 
 `--source reconstructed` draws them for objects as photos show them, the pairs under ``reconstructed`` in params.yaml.
 It knows nothing else of the objects, and writes ``data/sample/reconstructed`` in the frames of the reconstructions.
-
-`python -m pipeline.sample --object0 FILE --object1 FILE -n 25` draws them for two objects of your own, meshes or
-point clouds in metres, and writes grasps.parquet, grasps.json and grasps.html.
 """
 
 from __future__ import annotations
 
 import argparse
 from functools import lru_cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
 from pipeline.records.digests import digest, file_digest, folder_digest, hand_digest, prepared_digest
-from pipeline.records.errors import UserError
 from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters import chosen_pairs, load_with_workers
 from pipeline.records.parameters.names import require_name
 from pipeline.stages.code import own_fingerprint
 from pipeline.stages.items import Keep, Stage, fingerprints_of, make_by_hand, make_items, one_by_one
 from pipeline.stages.outputs import TablesWithFigures
-from pipeline.stages.running import command, run_stage
+from pipeline.stages.running import run_stage
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,11 +57,11 @@ def sample(source: str, only: str) -> None:
     from pipeline.compute.shared import Shared
     from pipeline.hand.model import load_hand
     from pipeline.records.tables import MERGED
-    from pipeline.sample.proposals import Model, sampling
+    from pipeline.sample.proposals import Model, request_of, sampling, trained_for
     from pipeline.stages.seeds import item_seed
 
     hand = load_hand(ALLEGRO)
-    checkpoint = _checkpoint(hand)
+    checkpoint = trained_for(hand)
     output = TablesWithFigures(paths.sampled_file(source, "").parent, MERGED, ("objects",))
     stage = Stage(f"sample@{source}", "pairs", output)
 
@@ -77,7 +72,7 @@ def sample(source: str, only: str) -> None:
             seed = item_seed(parameters["seed"], "train", seen.identity, first, second) % 2**31
             objects = seen.objects(first, second)
             points = (objects[0].surface_points, objects[1].surface_points)
-            table, drawn, figures = yield from sampling(model, _request(parameters, hand, objects, points, seed))
+            table, drawn, figures = yield from sampling(model, request_of(parameters, hand, objects, points, seed))
             if source != paths.RECONSTRUCTED:
                 merged = _merged(first, second)
                 known = {"trained": (first, second) in checkpoint.pairs, "held_out": {}, "held_out_by_training": {}}
@@ -96,26 +91,6 @@ def sample(source: str, only: str) -> None:
             ["/".join(key) for key in keys], lambda key: digest(common, key.split("/"), seen.digest(*key.split("/")))
         )
         make_items(stage, fingerprints, one_by_one(work), workers, refused)
-
-
-def _checkpoint(hand: Hand) -> Checkpoint:
-    """Return the trained model.
-
-    Raises:
-        UserError: there is none, it is damaged, or it was trained for another hand.
-    """
-    from pipeline.model.checkpoint import read_checkpoint
-    from pipeline.model.held_out import STYLES
-    from pipeline.model.representation import dimensions
-
-    checkpoint = read_checkpoint(paths.MODEL_FOLDER)
-    trained, wanted = len(checkpoint.normalisation.mean), dimensions(len(STYLES), hand)
-    if trained != wanted:
-        raise UserError(
-            f"{paths.MODEL_FOLDER} knows grasps of {trained} numbers, those of the hand {hand.name} have {wanted}; run "
-            "`dvc repro train` to make it for this hand."
-        )
-    return checkpoint
 
 
 class _Prepared:
@@ -218,83 +193,6 @@ def _accepted(table: Any) -> Any:
     return table.loc[table["rejected_by"] == "", "merged_id"].to_numpy(dtype="int64")
 
 
-def _request(parameters: dict[str, Any], hand: Hand, objects: Any, points: Any, seed: int) -> Any:
-    from pipeline.pairing.task import task_of
-    from pipeline.robustness.measures import measuring
-    from pipeline.sample.proposals import SampleRequest
-
-    own = measuring(parameters["robustness"], parameters["seed"], *(item.name for item in objects))
-    return SampleRequest(
-        pair=task_of(
-            hand,
-            parameters["picks"],
-            objects,
-            parameters["merge"],
-            parameters["physics"],
-            parameters["validate"],
-            own,
-        ),
-        points=points,
-        settings=parameters["train.sampling"],
-        energy=parameters["synthesize.energy"],
-        styles=(parameters["synthesize.pinch"], parameters["synthesize.side"]),
-        seed=seed,
-    )
-
-
-def sample_own(sources: tuple[Path, Path], count: int, output: Path) -> None:
-    """Draw ``count`` grasps of two objects of the user's own and write them, ranked, in the frames of their files.
-
-    Raises:
-        UserError: a file cannot be used, or there is no trained model.
-    """
-    parameters, workers = load_with_workers(sections())
-
-    from time import perf_counter
-
-    from pipeline.energy.scene import compile_kernels
-    from pipeline.hand.model import load_hand
-    from pipeline.records.flat import PAIR_GRASPS, flat
-    from pipeline.records.tables import MERGED, arrow_table, write_arrow
-    from pipeline.records.writing import whole_file, write_json
-    from pipeline.sample.own_objects import load_own_object
-    from pipeline.sample.proposals import check_grasps, draw_grasps, in_frames_of_files, pair_energy
-    from pipeline.sample.view import grasp_page
-
-    (first, points0, centre0), (second, points1, centre1) = (load_own_object(source) for source in sources)
-    hand = load_hand(ALLEGRO)
-    checkpoint = _checkpoint(hand)
-    model = checkpoint.model()
-    settings = parameters["train.sampling"]
-    enough = {"grasps": count, "draws": max(settings.draws, 2 * count)}
-    parameters["train.sampling"] = settings.model_copy(update=enough)
-    request = _request(parameters, hand, (first, second), (points0, points1), parameters["seed"])
-    energy = pair_energy(request)
-    compile_kernels()
-    begin = perf_counter()
-    drawn = draw_grasps(checkpoint, model, request, energy)
-    ranked = perf_counter()
-    table = check_grasps(request, drawn, workers)
-    accepted = table[table["rejected_by"] == ""]
-    print(
-        f"{enough['draws']} samples drawn and ranked in {ranked - begin:.1f} s; {len(accepted)} accepted of "
-        f"{len(table)} checked in {perf_counter() - ranked:.1f} s"
-    )
-    if accepted.empty:
-        raise UserError(
-            f"none of {len(table)} samples passed the checks (first: {table['rejected_by'].iloc[0]}); try a larger -n, "
-            "or `train.sampling.check: false` in params.yaml to see them all the same."
-        )
-    rows = flat(arrow_table(accepted, MERGED), PAIR_GRASPS).to_pylist()
-    with whole_file(output / "grasps.html") as temporary:
-        temporary.write_text(grasp_page(rows, (first, second), hand), encoding="utf-8")
-    own_frames = arrow_table(in_frames_of_files(accepted, (centre0, centre1)), MERGED)
-    write_arrow(output / "grasps.parquet", own_frames)
-    write_json(output / "grasps.json", flat(own_frames, PAIR_GRASPS).to_pylist())
-    print(f"wrote grasps.parquet, grasps.json and grasps.html to {output}")
-
-
-@command("sample")
 def main(arguments: list[str] | None = None) -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(
@@ -304,21 +202,13 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--object", default="", help="the object that is picked first, a name in params.yaml")
     parser.add_argument(
-        "--source", choices=["learned", paths.RECONSTRUCTED], help="what the model sees of the objects of params.yaml"
+        "--source",
+        required=True,
+        choices=["learned", paths.RECONSTRUCTED],
+        help="what the model sees of the objects of params.yaml",
     )
-    parser.add_argument("--object0", type=Path, help="file of the object that is pinched, metres, z up")
-    parser.add_argument("--object1", type=Path, help="file of the object that ring finger and palm hold")
-    parser.add_argument("-n", type=int, default=25, help="grasps wanted (default: %(default)s)")
-    parser.add_argument("--output", type=Path, default=Path("grasps"), help="folder to write to (default: %(default)s)")
     chosen = parser.parse_args(arguments)
-    if chosen.source:
-        return run_stage(f"sample@{chosen.source}", lambda: sample(chosen.source, chosen.object))
-    if chosen.object:
-        parser.error("give --object with --source learned or --source reconstructed")
-    if not (chosen.object0 and chosen.object1) or chosen.n < 1:
-        parser.error("give --source NAME, or --object0 FILE and --object1 FILE, and -n of at least 1")
-    sample_own((chosen.object0, chosen.object1), chosen.n, chosen.output)
-    return 0
+    return run_stage(f"sample@{chosen.source}", lambda: sample(chosen.source, chosen.object))
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -11,18 +11,23 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.compute.fan_out import Workers
-from pipeline.compute.pool import Calls, Work, run_one
+from pipeline.compute.pool import Calls, Work
 from pipeline.compute.shared import Shared
-from pipeline.model.checkpoint import Checkpoint
+from pipeline.hand.model import Hand
+from pipeline.model.checkpoint import Checkpoint, read_checkpoint
+from pipeline.model.held_out import STYLES
 from pipeline.model.network import GraspModel
+from pipeline.model.representation import dimensions
 from pipeline.pairing.combination import check_combination
 from pipeline.pairing.readiness import ready
-from pipeline.pairing.task import Task
+from pipeline.pairing.task import Task, task_of
+from pipeline.records import paths
+from pipeline.records.errors import UserError
+from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.synthesize import EnergyParameters, StyleParameters
 from pipeline.records.parameters.train import SamplingParameters
-from pipeline.records.poses import pose_matrix
 from pipeline.records.tables import MERGED
+from pipeline.robustness.measures import measuring
 from pipeline.sample.execution import single_grasps
 from pipeline.sample.quality import penetration_depth
 from pipeline.sample.refinement import PairEnergy, Scored, refine
@@ -53,6 +58,48 @@ class Drawn:
     joint_violation: NDArray[np.float64]  # (B,) largest per sample, rad, before joints were clamped; of ``raw``
 
 
+def trained_for(hand: Hand) -> Checkpoint:
+    """Return the trained model.
+
+    Raises:
+        UserError: there is none, it is damaged, or it was trained for another hand.
+    """
+    checkpoint = read_checkpoint(paths.MODEL_FOLDER)
+    trained, wanted = len(checkpoint.normalisation.mean), dimensions(len(STYLES), hand)
+    if trained != wanted:
+        raise UserError(
+            f"{paths.MODEL_FOLDER} knows grasps of {trained} numbers, those of the hand {hand.name} have {wanted}; run "
+            "`dvc repro train` to make it for this hand."
+        )
+    return checkpoint
+
+
+def request_of(
+    parameters: Mapping[str, Any],
+    hand: Hand,
+    objects: tuple[PreparedObject, PreparedObject],
+    points: tuple[NDArray[np.float64], NDArray[np.float64]],
+    seed: int,
+) -> SampleRequest:
+    """Return what is asked of the model for a pair.
+
+    Args:
+        parameters: sections of ``params.yaml``: seed, picks, train.sampling, synthesize.energy and both styles, merge,
+            physics, validate and robustness.
+        points: (n, 3) that the model sees of each object, object frames.
+    """
+    own = measuring(parameters["robustness"], parameters["seed"], *(item.name for item in objects))
+    limits = (parameters["merge"], parameters["physics"], parameters["validate"])
+    return SampleRequest(
+        pair=task_of(hand, parameters["picks"], objects, *limits, own),
+        points=points,
+        settings=parameters["train.sampling"],
+        energy=parameters["synthesize.energy"],
+        styles=(parameters["synthesize.pinch"], parameters["synthesize.side"]),
+        seed=seed,
+    )
+
+
 def pair_energy(request: SampleRequest) -> PairEnergy:
     """Return the energy of the request's pair."""
     first, second = request.pair.objects
@@ -79,16 +126,11 @@ def draw_grasps(checkpoint: Checkpoint, model: GraspModel, request: SampleReques
     return Drawn(raw, ranked, violation.max(1))
 
 
-def check_grasps(request: SampleRequest, drawn: Drawn, workers: Workers) -> pd.DataFrame:
-    """Return the table ``MERGED`` of one pair: samples in their order until enough are accepted, each with its outcome.
+def checking(request: SampleRequest, drawn: Drawn) -> Work[pd.DataFrame]:
+    """Compute the table ``MERGED`` of one pair: samples in their order until enough are accepted.
 
     Both ``grasp_ids`` are the place of the sample in that order, and so is ``merged_id``.
     """
-    return run_one(checking(request, drawn), workers, "--".join(item.name for item in request.pair.objects))
-
-
-def checking(request: SampleRequest, drawn: Drawn) -> Work[pd.DataFrame]:
-    """Compute what :func:`check_grasps` returns, some samples at once."""
     settings = request.settings
     pair = checked_pair(request.pair, settings)
     rows: list[dict[str, Any]] = []
@@ -190,16 +232,3 @@ def quality(energy: PairEnergy, scored: Scored) -> dict[str, float]:
         "contact_distance_mm_median": 1000 * float(np.median(np.mean(contact, axis=0))),
         "object_overlap_mm_max": 1000 * float(scored.overlap.max()),
     }
-
-
-def in_frames_of_files(table: pd.DataFrame, centres: Sequence[NDArray[np.float64]]) -> pd.DataFrame:
-    """Return a merged table with object frames whose origins lie at minus the centres (3,): the frames of files.
-
-    A point p of the file is p - centre in the object's frame; the axes are the same.
-    """
-    positions = np.array([np.stack(own) for own in table["positions_hand_object"]])
-    quaternions = np.array([np.stack(own) for own in table["quaternions_hand_object"]])
-    for number, centre in enumerate(centres):
-        T = pose_matrix(positions[:, number], quaternions[:, number])
-        positions[:, number] = T[:, :3, 3] - T[:, :3, :3] @ centre
-    return table.assign(positions_hand_object=[list(own) for own in positions])

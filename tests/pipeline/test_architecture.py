@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs/architecture.md").read_text()
 ROOMS = sorted(path.parent.name for path in ROOT.glob("pipeline/*/__init__.py"))
-READERS = {"view", "replay", "plan", "share", "score"}
+READERS = {"view", "replay", "plan", "share", "score", "propose"}
 STAGES = {path.parent.name for path in ROOT.glob("pipeline/*/__main__.py")} - READERS
 # Packages that take long to load, or that only a cluster needs: a module that runs without them imports them where it
 # needs them, or imports there another module that loads one of them.

@@ -120,7 +120,7 @@ def test_with_tags_the_frame_is_theirs_and_millimetres_do(folder, capsys):
 
 
 def test_the_cloud_is_one_that_sampling_reads_whole(folder):
-    from pipeline.sample.clouds import cleaned, read_cloud
+    from pipeline.propose.clouds import cleaned, read_cloud
 
     assert run(folder, depth_picture(DISTORTION)) == 0
     points = read_cloud(folder / "out/ball/points.npy")

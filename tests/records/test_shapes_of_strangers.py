@@ -290,5 +290,5 @@ def test_entities_are_not_expanded(tmp_path, make):
 def test_a_point_cloud_is_called_one(tmp_path):
     path = tmp_path / "cloud.ply"
     path.write_bytes(trimesh.PointCloud(np.random.default_rng(0).random((50, 3))).export(file_type="ply"))
-    with pytest.raises(UserError, match=r"is a point cloud \(50 points, no triangles\); .*pipeline.sample --object0"):
+    with pytest.raises(UserError, match=r"is a point cloud \(50 points, no triangles\); .*dev sample --object0"):
         load_triangles(path, "meshes.thing")

@@ -12,6 +12,7 @@ import pytest
 import trimesh
 import yaml
 
+from pipeline.propose import __main__ as propose
 from pipeline.records import paths
 from pipeline.records.flat import PAIR_GRASPS, read_flat
 from pipeline.records.objects import write_prepared_object
@@ -181,9 +182,10 @@ def test_own_files_give_ranked_grasps_in_the_frames_of_the_files(model, tmp_path
     cloud = trimesh.sample.sample_surface(trimesh.creation.cylinder(0.03, 0.1), 300, seed=0)[0]
     np.save(tmp_path / "can.npy", cloud)
     files = ["--object0", str(tmp_path / "box.stl"), "--object1", str(tmp_path / "can.npy")]
-    assert sample.main([*files, "-n", "2", "--output", str(tmp_path / "out")]) == 0
+    assert propose.main([*files, "-n", "2", "--output", str(tmp_path / "out")]) == 0
     rows = read_table(tmp_path / "out/grasps.parquet", MERGED, "")
-    assert len(rows) == 2 and len(json.loads((tmp_path / "out/grasps.json").read_text())) == 2
+    assert len(rows) == 2
+    assert [row["method"] for row in json.loads((tmp_path / "out/grasps.json").read_text())] == ["model"] * 2
     # The box lies far from its file's origin, the hand near the box.
     assert np.linalg.norm(rows["positions_hand_object"][0][0]) > 3
     page = (tmp_path / "out/grasps.html").read_text()
@@ -193,17 +195,17 @@ def test_own_files_give_ranked_grasps_in_the_frames_of_the_files(model, tmp_path
 def test_bad_input_is_one_sentence(model, tmp_path, capsys):
     assert sample.main([*LEARNED, "--object", "teapot"]) == 2
     assert "styles.pinch does not list 'teapot'" in capsys.readouterr().err
-    assert sample.main(["--object0", "none.stl", "--object1", "none.stl"]) == 2
+    with pytest.raises(SystemExit):
+        sample.main(["--object", "cube"])
+    assert "--source" in capsys.readouterr().err
+    assert propose.main(["--object0", "none.stl", "--object1", "none.stl"]) == 2
     error = capsys.readouterr().err
     assert "none.stl is missing" in error and len(error.strip().splitlines()) == 1
     with pytest.raises(SystemExit):
-        sample.main(["--object0", "none.stl"])
+        propose.main(["--object0", "none.stl"])
     with pytest.raises(SystemExit):
-        sample.main(["--object0", "none.stl", "--object1", "none.stl", "-n", "0"])
+        propose.main(["--object0", "none.stl", "--object1", "none.stl", "-n", "0"])
     assert "--object0" in capsys.readouterr().err
-    with pytest.raises(SystemExit):
-        sample.main(["--object", "cube"])
-    assert "--source learned" in capsys.readouterr().err
 
 
 def test_without_a_model_the_stage_that_makes_it_is_named(model, capsys):

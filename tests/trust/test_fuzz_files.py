@@ -75,7 +75,7 @@ MESHES += ["box.gltf", "box.3mf", "box.dae", "box.zip"]
 @given(changes=edits)
 def test_meshes(place, meshes, name, changes):
     from pipeline.prepare.sources import load_triangles
-    from pipeline.sample.own_objects import load_own_object
+    from pipeline.propose.own_objects import load_own_object
 
     source = place / name
     source.write_bytes(damaged(meshes[name], changes))
@@ -91,7 +91,7 @@ def test_meshes(place, meshes, name, changes):
 )
 def test_an_obj_of_no_points_or_of_foreign_corners(place, text):
     from pipeline.prepare.sources import load_triangles
-    from pipeline.sample.own_objects import load_own_object
+    from pipeline.propose.own_objects import load_own_object
 
     source = place / "a.obj"
     source.write_text(text)

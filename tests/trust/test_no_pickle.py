@@ -123,8 +123,8 @@ def bomb(canary) -> bytes:
 
 
 def test_arrays_of_objects_are_refused(tmp_path, canary):
+    from pipeline.propose.own_objects import load_own_object
     from pipeline.reconstruct.normal_maps import read_normals
-    from pipeline.sample.own_objects import load_own_object
 
     source = tmp_path / "cloud.npy"
     np.save(source, np.array([[Bomb(canary)] * 3] * 80, object), allow_pickle=True)
@@ -249,7 +249,7 @@ def glb(header: dict) -> bytes:
 def test_a_mesh_leads_to_no_other_file(tmp_path):
     """A pipe that would be read from for ever stands for everything that a name could lead to."""
     from pipeline.prepare.sources import load_triangles
-    from pipeline.sample.own_objects import load_own_object
+    from pipeline.propose.own_objects import load_own_object
 
     os.mkfifo(tmp_path / "pipe")
     triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n"
@@ -321,7 +321,7 @@ def test_a_scene_that_repeats_itself_without_end_is_refused(tmp_path):
 @pytest.mark.parametrize("name", ["mesh.zip", "mesh.gltf", "mesh.dae", "mesh.3mf", "mesh.tar.gz"])
 def test_what_is_no_archive_and_no_scene_is_refused(tmp_path, name):
     from pipeline.prepare.sources import load_triangles
-    from pipeline.sample.own_objects import load_own_object
+    from pipeline.propose.own_objects import load_own_object
 
     source = tmp_path / name
     source.write_bytes(b"PK\x03\x04")
@@ -352,8 +352,8 @@ def test_a_picture_that_unpacks_to_any_size_is_refused(tmp_path):
 
 
 def test_an_array_that_claims_more_than_it_holds_is_refused(tmp_path):
+    from pipeline.propose.own_objects import load_own_object
     from pipeline.reconstruct.normal_maps import read_normals
-    from pipeline.sample.own_objects import load_own_object
 
     source = tmp_path / "a.npy"
     text = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000, 3), }"

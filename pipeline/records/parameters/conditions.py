@@ -75,7 +75,9 @@ class ConditionsParameters(Section):
         le=1000,
         description="Trials per pair and condition: the first of the standard trials, so at most evaluate.trials.",
     )
-    sources: list[str] = Field(list(SOURCES), description="Sources of grasps to try under every condition; [] tries none.")
+    sources: list[str] = Field(
+        list(SOURCES), description="Sources of grasps to try under every condition; [] tries none."
+    )
     engines: list[Engine] = Field(["sapien"], description="Physics engines in which every condition is tried.")
     settings: dict[str, Condition] = Field(
         {},

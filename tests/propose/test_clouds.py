@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from pipeline.propose.clouds import cleaned, read_cloud
+from pipeline.propose.own_objects import load_own_object
 from pipeline.records.errors import UserError
-from pipeline.sample.clouds import cleaned, read_cloud
-from pipeline.sample.own_objects import load_own_object
 
 
 @pytest.fixture(scope="module")

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from pipeline.propose.own_objects import load_own_object
 from pipeline.records.errors import UserError
-from pipeline.sample.own_objects import load_own_object
 from pipeline.shapes.distance_field import signed_distance
 
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.spatial import QhullError
 
 from pipeline.compute.guard import CallLost, guarded
+from pipeline.propose.clouds import KINDS, cleaned, read_cloud
 from pipeline.records.errors import UserError
 from pipeline.records.geometry import FORMATS, read_geometry_file
 from pipeline.records.objects import PreparedObject
-from pipeline.sample.clouds import KINDS, cleaned, read_cloud
 from pipeline.shapes.solids import object_of_solid
 
 SMALLEST, LARGEST = 0.01, 0.4  # m, longest extent that a hand has to do with; outside, the unit is taken to be wrong

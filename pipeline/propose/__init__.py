@@ -1,0 +1,1 @@
+"""Two-object grasps for two files of your own: from the trained model, by synthesis, or both."""
