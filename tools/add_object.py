@@ -1,4 +1,4 @@
-"""`./dev add-object FILE --style pinch|side|both`: turn a mesh file into an object of the pipeline.
+"""`./dev add-object FILE --style auto|pinch|side|both`: turn a mesh file into an object of the pipeline.
 
 The object is prepared first, so that an unusable mesh leaves no trace. Then the file is copied to `data/raw/` and
 entries are added to `params.yaml`. The prepared folder is only written for inspection: the stage `prepare` makes the
@@ -21,7 +21,7 @@ from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters import OBJECT_NAME, Parameters, read_parameters
-from pipeline.records.parameters.objects import MeshParameters
+from pipeline.records.parameters.objects import RESTING, MeshParameters
 from pipeline.records.writing import check_writable, whole_file
 from pipeline.stages.running import command
 from tools.parameter_text import with_mesh
@@ -29,10 +29,11 @@ from tools.parameter_text import with_mesh
 if TYPE_CHECKING:
     from pipeline.prepare.sources import RawMesh
 
-STYLES = {"pinch": ["pinch"], "side": ["side"], "both": ["pinch", "side"]}
+FITTING = "auto"  # the styles that fit the object's size
+STYLES: dict[str, list[str]] = {"pinch": ["pinch"], "side": ["side"], "both": ["pinch", "side"], FITTING: []}
 UNITS = ("m", "cm", "mm", "inch")
-WISHES = ("unit", "up", "turn", "scale", "fit_longest", "density", "bodies", "wall", "accept_repair")
-AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
+WISHES = ("unit", "up", "pose", "turn", "scale", "fit_longest", "density", "bodies", "wall", "accept_repair")
+AXES = ("+x", "-x", "+y", "-y", "+z", "-z", RESTING)
 
 
 @dataclass(frozen=True)
@@ -164,10 +165,27 @@ def add(chosen: argparse.Namespace) -> None:
     from pipeline.prepare.preparation import prepare_object
 
     prepared = prepare_object(addition.name, _shape(addition.entry), parameters.prepare, addition.raw)
+    if chosen.style == FITTING:
+        addition = replace(addition, styles=_fitting(addition.name, prepared))
     write(addition, prepared)
     print("\n".join(describe(addition, prepared)))
     stages = " ".join(f"validate@{style}" for style in addition.styles)
     print(f"Next: look at the picture; `./dev repro {stages}` for grasps of it alone, `./dev repro` for its pairs too.")
+
+
+def _fitting(name: str, prepared: PreparedObject) -> list[str]:
+    """Return the styles that fit an object.
+
+    Raises:
+        UserError: there is none.
+    """
+    from pipeline.prepare.graspable import fitting_styles, size_of, verdict
+
+    size = size_of(prepared.vertices)
+    if styles := fitting_styles(size):
+        return styles
+    said = "; ".join(f"{style}: {verdict(style, size)}" for style in ("pinch", "side"))
+    raise UserError(f"{name} fits no style ({said}); scale it, or name a --style to add it all the same.")
 
 
 def _bodies(text: str) -> str | int:
@@ -185,15 +203,18 @@ def command_line() -> argparse.ArgumentParser:
         "--style",
         required=True,
         choices=STYLES,
-        help="pinch: thumb, index and middle finger; side: ring finger and palm",
+        help="pinch: thumb, index and middle finger; side: ring finger and palm; auto: those that fit the size",
     )
     parser.add_argument("--name", help="name of the object (default: derived from the file's name)")
     parser.add_argument("--unit", choices=UNITS, help="unit of the file (default: guessed from its size)")
     parser.add_argument("--scale", type=float, help="scale factor")
     parser.add_argument("--fit-longest", type=float, help="longest extent in metres, instead of --unit and --scale")
     parser.add_argument(
-        "--up", choices=AXES, help="axis of the file that points up (--up=-y; default: of its format, mostly +z)"
+        "--up",
+        choices=AXES,
+        help="axis of the file that points up (--up=-y; default: of its format, mostly +z); auto: as the solid rests",
     )
+    parser.add_argument("--pose", type=int, help="with --up auto: the pose in which it rests, 1 being the likeliest")
     parser.add_argument("--turn", type=float, help="rotation about the vertical axis in degrees")
     parser.add_argument("--density", type=float, help="kg/m3 (default: 500)")
     parser.add_argument(

@@ -158,3 +158,20 @@ def test_a_refusal_is_one_sentence_and_leaves_no_trace(project, box, capsys, arg
 )
 def test_names_are_made_of_file_names(stem, name):
     assert add_object.plain_name(stem) == name
+
+
+def test_an_object_stands_by_itself_and_gets_the_styles_that_fit(project, capsys):
+    path = project / "brick.stl"
+    path.write_bytes(trimesh.creation.box((60, 45, 80)).export(file_type="stl"))
+    assert run(path, "--style", "auto", "--unit", "mm", "--up", "auto") == 0
+    assert "60.0 x 80.0 x 45.0 mm" in capsys.readouterr().out
+    parameters = read_parameters()
+    assert parameters.meshes["brick"].up == "auto"
+    assert "brick" in parameters.styles.pinch and "brick" in parameters.styles.side
+
+
+def test_what_fits_no_style_is_refused_unless_one_is_named(project, capsys):
+    path = project / "slab.stl"
+    path.write_bytes(trimesh.creation.box((200, 300, 150)).export(file_type="stl"))
+    assert_refused(capsys, project, [path, "--style", "auto", "--unit", "mm"], "fits no style", "200.0 mm wide")
+    assert run(path, "--style", "pinch", "--unit", "mm") == 0
