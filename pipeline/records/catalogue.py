@@ -28,6 +28,7 @@ COLUMNS = {
     "repairs": "of the mesh",
     "licence": "of the mesh",
 }
+MEND = "run `dvc repro prepare`"
 PREPARED, REFUSED = "prepared", "refused"
 
 
@@ -46,27 +47,34 @@ def read_catalogue(file: Path) -> list[dict[str, str]]:
     Raises:
         UserError: the file is missing or damaged.
     """
-    mend = "run `dvc repro prepare`"
     try:
-        text = file.read_text(encoding="utf-8")
+        return catalogue_rows(file.read_bytes(), str(file))
     except FileNotFoundError as error:
-        raise UserError(f"{file} is missing; {mend}.") from error
-    except (OSError, ValueError) as error:
-        raise UserError(f"{file} is damaged ({error}); delete it and {mend}.") from error
-    rows = list(csv.DictReader(io.StringIO(text)))
+        raise UserError(f"{file} is missing; {MEND}.") from error
+
+
+def catalogue_rows(content: bytes, where: str) -> list[dict[str, str]]:
+    """Return the rows in the content of a catalogue.
+
+    Args:
+        where: names it in the error message.
+
+    Raises:
+        UserError: it is damaged.
+    """
+    try:
+        rows = list(csv.DictReader(io.StringIO(content.decode("utf-8"), newline="")))
+    except (ValueError, csv.Error) as error:
+        raise UserError(f"{where} is damaged ({error}); delete it and {MEND}.") from error
     if any(set(row) != set(COLUMNS) or None in row.values() for row in rows):
-        raise UserError(f"{file} is damaged (it lacks columns); delete it and {mend}.")
+        raise UserError(f"{where} is damaged (it lacks columns); delete it and {MEND}.")
     return rows
 
 
-def styles_of_assets(file: Path, sources: Collection[str]) -> dict[str, list[str]]:
-    """Return the objects of some sources by style, in the order of the catalogue.
-
-    Raises:
-        UserError: see :func:`read_catalogue`.
-    """
+def styles_of_assets(rows: Iterable[Mapping[str, str]], sources: Collection[str]) -> dict[str, list[str]]:
+    """Return the objects of some sources by style, in the order of the catalogue."""
     found: dict[str, list[str]] = {}
-    for row in read_catalogue(file):
+    for row in rows:
         for style in row["styles"].split() if row["source"] in sources else ():
             found.setdefault(style, []).append(row["name"])
     return found

@@ -24,6 +24,7 @@ import yaml
 from pydantic import TypeAdapter
 
 from pipeline.records import paths
+from pipeline.records.catalogue import catalogue_rows, styles_of_assets
 from pipeline.records.errors import UserError
 from pipeline.records.flat import flat, stored
 from pipeline.records.hands import ALLEGRO
@@ -221,6 +222,12 @@ def _objects(project: Project, parameters: Any) -> dict[str, list[str]]:
         found = {style: list(parameters["styles"][style]) for style in STYLES}
     except (KeyError, TypeError) as error:
         raise _no_project(project) from error
+    if parameters.get("assets"):
+        catalogue = project.read(paths.CATALOGUE_FILE, made_by="prepare")
+        packaged = styles_of_assets(
+            catalogue_rows(catalogue, project.where(paths.CATALOGUE_FILE)), list(parameters["assets"])
+        )
+        found = {style: list(dict.fromkeys([*own, *packaged.get(style, ())])) for style, own in found.items()}
     place = project.where(paths.PARAMETERS_FILE)
     for name in (name for style in STYLES for name in found[style]):
         if not isinstance(name, str) or not OBJECT_NAME.fullmatch(name):

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
+from pipeline.records.catalogue import catalogue_text
 from pipeline.records.errors import UserError
 from pipeline.records.flat import PAIR_GRASPS, read_flat
 from pipeline.share import GRASP_COLUMNS, load_grasps
@@ -66,6 +67,17 @@ def test_pairs_are_those_of_the_parameter_each_with_its_own_rows(folder):
     alone = load_grasps(folder, second="can", only_accepted=False)
     write_pairs(folder / "data/merge/cube.parquet", tables["can"], PAIR_GRASPS)  # as if there were no other pair
     pd.testing.assert_frame_equal(load_grasps(folder, second="can", only_accepted=False), alone)
+
+
+def test_objects_of_packages_are_those_of_the_catalogue(folder):
+    rows = [{"name": "can", "source": "can", "styles": "side"}, {"name": "old", "source": "gone", "styles": "side"}]
+    chosen = PARAMETERS | {"styles": {"pinch": ["cube"], "side": []}, "pairs": "all", "assets": {"can": {}}}
+    (folder / "params.yaml").write_text(yaml.safe_dump(chosen))
+    with pytest.raises(UserError, match=r"dvc pull prepare"):
+        load_grasps(folder)
+    (folder / "data/prepare").mkdir(parents=True)
+    (folder / "data/prepare/catalogue.csv").write_text(catalogue_text(rows))
+    assert set(load_grasps(folder)["object1"]) == {"can"}
 
 
 def test_tables_of_objects_that_are_no_longer_named_are_left_out(folder):

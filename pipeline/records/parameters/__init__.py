@@ -21,7 +21,7 @@ import yaml
 from pydantic import Field, ValidationError, model_validator
 
 from pipeline.records import paths
-from pipeline.records.catalogue import styles_of_assets
+from pipeline.records.catalogue import read_catalogue, styles_of_assets
 from pipeline.records.errors import UserError, first_mistake
 from pipeline.records.hands import ALLEGRO, description_file
 from pipeline.records.parameters.capture import CaptureParameters, ReconstructedParameters, RenderingParameters
@@ -296,7 +296,7 @@ class Parameters(Section):
         """
         if not self.assets:
             return self
-        found = styles_of_assets(paths.CATALOGUE_FILE, self.assets)
+        found = styles_of_assets(read_catalogue(paths.CATALOGUE_FILE), self.assets)
         merged = {style: list(dict.fromkeys([*own, *found.get(style, ())])) for style, own in self.styles}
         return self.model_copy(update={"styles": StylesParameters(**merged)})
 
