@@ -66,3 +66,12 @@ def test_partners_come_from_the_same_origin():
     assert {first: own for first, own in drawn.items() if not first.startswith("ycb_")} == partners(
         [*FIRSTS, "ycbx_1"], SECONDS, 3, 1
     )
+
+
+@pytest.mark.parametrize("pairs", ["all", 2, PartnersWithin(partners=2, within=["ycb"])])
+def test_no_object_is_its_own_partner(pairs):
+    names = [*FIRSTS[:5], *(f"ycb_{number}" for number in range(5))]
+    drawn = partners(names, names, pairs, 1)
+    assert all(first not in own for first, own in drawn.items())
+    assert min(len(own) for own in drawn.values()) >= 2
+    assert partners(["a"], ["a"], [("a", "a")], 1) == {"a": ("a",)}

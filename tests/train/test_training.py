@@ -1,11 +1,13 @@
 import dataclasses
 import json
 
+import numpy as np
 import pytest
 import torch
 
 from pipeline.hand.model import load_hand
 from pipeline.model.checkpoint import read_checkpoint, write_checkpoint
+from pipeline.model.representation import from_vectors
 from pipeline.records.errors import UserError
 from pipeline.train import training
 from pipeline.train.data import gather_examples
@@ -109,3 +111,29 @@ def test_a_checkpoint_survives_and_a_broken_one_is_named(trained, tmp_path):
         read_checkpoint(folder)
     with pytest.raises(UserError, match="missing; run `dvc repro train`"):
         read_checkpoint(tmp_path / "none")
+
+
+def test_objects_are_turned_with_their_grasps(tables, objects, settings):
+    """In the hand's frame every point of a cloud stays where it was."""
+    hand = load_hand("allegro")
+    in_hand = []
+    for turned in (False, True):
+        data = settings.data.model_copy(update={"yaw_augmentation": turned, "cloud_noise": 0.0})
+        own = settings.model_copy(update={"data": data})
+        examples = gather_examples(tables, objects, data, settings.encoder, 1)
+        one_draw = dataclasses.replace(
+            examples,
+            clouds=dataclasses.replace(
+                examples.clouds, points=np.repeat(examples.clouds.points[:: settings.encoder.clouds], 2, axis=0)
+            ),
+        )
+        source = training.Source(one_draw, own, 1, "training", hand)
+        rows = source.rows[:20]
+        batch = source.batch(3, rows)
+        grasps = from_vectors(hand, source.normalisation.undo(batch.clean.numpy().astype(np.float64)))
+        points = batch.clouds.points.numpy()[examples.pair_objects()[examples.pair[rows]]]  # (20, 2, n, 3)
+        T = grasps.T_hand_object
+        in_hand.append(np.einsum("bsij,bsnj->bsni", T[..., :3, :3], points) + T[..., None, :3, 3])
+        in_hand.append(T)
+    np.testing.assert_allclose(in_hand[0], in_hand[2], atol=2e-6)
+    assert np.abs(in_hand[1][..., :3, :3] - in_hand[3][..., :3, :3]).max() > 0.5

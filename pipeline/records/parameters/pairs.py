@@ -40,13 +40,13 @@ def partners(
         pairs: ``all``; or how many partners each first object gets; or the pairs themselves.
         seed: the run's; with a number of partners it decides which.
 
-    Drawn partners are balanced: every second object has at least one, and between ``LEAST`` and ``MOST`` times an even
+    No object is its own partner, unless the pairs themselves say so. Drawn partners are balanced: every second object has at least one, and between ``LEAST`` and ``MOST`` times an even
     share. And they are stable: one object more or fewer changes few pairs of the others, because every first object has
     an order of its own among the second ones, takes those that it prefers (rendezvous hashing, Thaler and Ravishankar
     1998), and only those who have too few or too many are exchanged.
     """
     if pairs == "all":
-        return {first: tuple(seconds) for first in firsts}
+        return {first: tuple(second for second in seconds if second != first) for first in firsts}
     if isinstance(pairs, PartnersWithin):
         return _within(firsts, seconds, pairs, seed)
     if isinstance(pairs, int):
@@ -95,13 +95,15 @@ def _drawn(firsts: Sequence[str], seconds: Sequence[str], count: int, seed: int)
         np.array([item_seed(seed, "first", name) for name in firsts], np.uint64)[:, None]
         ^ np.array([item_seed(seed, "second", name) for name in seconds], np.uint64)[None, :]
     )
+    own = np.array(firsts)[:, None] == np.array(seconds)[None, :]
+    liking[own] = np.iinfo(np.uint64).max
     taken = np.zeros(liking.shape, dtype=bool)
     np.put_along_axis(taken, np.argsort(liking, axis=1)[:, :count], True, axis=1)
     load, share = taken.sum(axis=0), len(firsts) * count / max(len(seconds), 1)
     for second in np.flatnonzero(load < max(1, math.floor(LEAST * share))):
         for first in np.argsort(liking[:, second]):
-            own = np.flatnonzero(taken[first])
-            richest = own[np.argmax(load[own])]
+            held = np.flatnonzero(taken[first])
+            richest = held[np.argmax(load[held])]
             if not taken[first, second] and load[richest] > share:
                 _exchange(taken, load, first, richest, second)
             if load[second] >= max(1, math.floor(LEAST * share)):
@@ -114,7 +116,7 @@ def _drawn(firsts: Sequence[str], seconds: Sequence[str], count: int, seed: int)
                 _exchange(taken, load, first, second, free[np.argmin(liking[first, free])])
             if load[second] <= math.ceil(MOST * share):
                 break
-    return taken
+    return taken & ~own
 
 
 def _exchange(taken: NDArray[np.bool_], load: NDArray[np.int64], first: int, old: np.intp, new: np.intp) -> None:
