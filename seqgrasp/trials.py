@@ -29,8 +29,8 @@ def rerun_trial(name: str, watch: Callable[[Run], None] | None = None, hand: str
     Raises:
         UserError: there is no such trial, or its inputs have changed since.
     """
+    from pipeline.evaluate.rerun import run_again, trial_name
     from pipeline.hand.model import load_hand
-    from pipeline.replay.rerun import run_again, trial_name
 
     _, row, differing = run_again(trial_name(name), load_hand(hand), watch)
     return Rerun(row, differing)

@@ -150,13 +150,14 @@ def _approach(
     task: PickTask, worlds: _Worlds, goal: NDArray[np.float64], settings: EvaluateParameters, rng: np.random.Generator
 ) -> Trajectory | None:
     """Return a move to ``goal`` (7,) whose samples are free, in the first world that has one."""
-    from pipeline.motion.paths import plan
+    from pipeline.motion.planners import planner
     from pipeline.motion.timing import time_path
 
+    find = planner(settings.planner)
     arm, share = worlds.arm, HELD_SHARE if task.held else FREE_SHARE
     for place in range(APPROACH_WORLDS):
         world = worlds.approach(place)
-        path = plan(world.is_free, task.arm_q, goal, arm.lower, arm.upper, rng)
+        path = find(world, task.arm_q, goal, rng)
         if path is None:
             continue
         for spacing in SPLINE_SPACINGS:

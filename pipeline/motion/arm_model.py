@@ -38,6 +38,7 @@ class ArmModel:
     """Seven arm joints with the hand locked at one posture.
 
     Attributes:
+        hand: the hand.
         model: Pinocchio model, ``nq`` 7.
         geometry: Pinocchio geometry of the robot, without collision pairs.
         lower, upper: (7,) joint limits, rad.
@@ -46,6 +47,7 @@ class ArmModel:
 
     def __init__(self, hand_q: ArrayLike, hand: Hand) -> None:
         """Build the model; ``hand_q`` (J,) in the order of ``hand.joint_names``, rad."""
+        self.hand = hand
         full, geometry = _full_robot(hand)
         q = pin.neutral(full)
         for name, angle in zip(hand.physical.names, hand.physical.positions(hand_q), strict=True):

@@ -89,6 +89,9 @@ class CollisionWorld:
         held: what the hand holds, with ``pose`` = ``T_hand_object``; it is not tested against the hand.
         allowed: names of obstacles that the hand (not the arm) may touch, such as the object about to be grasped.
         margin: least distance to obstacles, m; may be negative to forgive touching.
+
+    Attributes:
+        arm, obstacles, held, margin: as given.
     """
 
     def __init__(
@@ -99,7 +102,7 @@ class CollisionWorld:
         allowed: Iterable[str] = (),
         margin: float = 0.0,
     ) -> None:
-        self.arm = arm
+        self.arm, self.obstacles, self.held, self.margin = arm, tuple(obstacles), tuple(held), margin
         self._geometry = arm.geometry.copy()
         links = [(index, item.name) for index, item in enumerate(self._geometry.geometryObjects)]
         wrist = [index for index, _ in links if self._geometry.geometryObjects[index].parentJoint == 7]

@@ -16,12 +16,14 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pipeline.evaluate.recorder import Recorder
+from pipeline.evaluate.rerun import EXAMPLE, TrialName, differences, drawn_trials, known_trials, run_again, trial_name
 from pipeline.hand.model import load_hand
+from pipeline.pictures.film import FORMATS, Film, write_video
 from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters import read_parameters
-from pipeline.replay.recording import About, Recorder, Recording, read_recording, write_recording
-from pipeline.replay.rerun import EXAMPLE, TrialName, differences, drawn_trials, known_trials, run_again, trial_name
-from pipeline.replay.video import FORMATS, RENDERERS, Film, write_video
+from pipeline.records.recordings import About, Recording, read_recording, write_recording
+from pipeline.replay.renderers import RENDERERS
 from pipeline.stages.running import command
 
 if TYPE_CHECKING:
@@ -89,7 +91,7 @@ def show(recording: Recording, how: Showing) -> None:
     """Write the video, or play in a browser."""
     hand = load_hand(ALLEGRO)
     if how.video:
-        count = write_video(how.video, recording, hand, how.film, how.renderer)
+        count = write_video(how.video, recording, hand, how.film, RENDERERS[how.renderer])
         print(f"{how.video}: {count} pictures, {how.film.rate:g} per second")
     if how.view:
         from pipeline.replay.viewer import Viewer
@@ -136,8 +138,8 @@ def command_line() -> argparse.ArgumentParser:
     parser.add_argument("--fps", type=_rate, default=10.0, help="pictures per second (default: %(default)s)")
     parser.add_argument(
         "--renderer",
-        choices=RENDERERS,
-        default=RENDERERS[0],
+        choices=list(RENDERERS),
+        default=next(iter(RENDERERS)),
         help="of the video; sapien needs a Vulkan driver (default: %(default)s)",
     )
     parser.add_argument("--no-view", action="store_true", help="do not play: only compare and record")

@@ -14,10 +14,10 @@ import numpy as np
 import sapien
 from numpy.typing import NDArray
 
+from pipeline.pictures.appearance import Appearance
 from pipeline.pictures.camera import look_at
 from pipeline.pictures.render import Body
 from pipeline.records.poses import position_quaternion
-from pipeline.replay.appearance import Appearance
 
 View = tuple[tuple[float, float, float], tuple[float, float, float], float]  # position, target (m), degrees upright
 AMBIENT, KEY = (0.45, 0.45, 0.45), (2.2, 2.2, 2.2)

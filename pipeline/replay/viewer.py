@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.hand.model import Hand
+from pipeline.pictures.appearance import Appearance, appearance, moving_poses
+from pipeline.pictures.film import CAMERA_DEGREES, CAMERA_POSITION, CAMERA_TARGET
 from pipeline.pictures.render import Body, corner_normals
 from pipeline.pictures.serving import check_host, start_server
 from pipeline.records.poses import position_quaternion
-from pipeline.replay.appearance import Appearance, appearance, moving_poses
-from pipeline.replay.recording import Recording
-from pipeline.replay.video import CAMERA_DEGREES, CAMERA_POSITION, CAMERA_TARGET
+from pipeline.records.recordings import Recording
 
 REFRESH = 0.04  # s between updates while playing
 SPEEDS = ("0.25", "0.5", "1", "2", "4")

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pipeline.hand.model import Hand
+from pipeline.records.opening_film import FOLDER, OpeningFilm, load_film
 from pipeline.records.parameters import Parameters
 from pipeline.report.conditions import Conditions, Tried, load_conditions
 from pipeline.report.counting import Counts, PairCounts
@@ -43,7 +44,8 @@ class PageContent:
     versions: Mapping[str, str]
     settings: Mapping[str, Sequence[Row]]  # per section of params.yaml
     drift_limit: float  # m, largest motion in the hand that merging lets pass
-    opening: PairView | None = None  # a pair with one successful trial, which stands on top of the page
+    film: OpeningFilm | None = None
+    opening: PairView | None = None  # pictures of the filmed trial
     counts: Sequence[PairCounts] = ()  # of all pairs and sources
     worst: Sequence[WorstPair] = ()  # the pairs that ``views`` show, where there are too many to show all
     learned: Learned | None = None
@@ -71,7 +73,8 @@ def page_content(
     learned = load_learned(quality, counts.samples)
     reconstructed = load_reconstructed(parameters.captures)
     conditions = load_conditions(parameters)
-    planned = plan(counts.trials, conditions.tried, parameters.report, evaluate)
+    film = load_film(FOLDER)
+    planned = plan(counts.trials, conditions.tried, parameters.report, evaluate, film)
     opening = [planned.opening] if planned.opening else []
     drawn = draw_pairs([*planned.shown, *planned.listed, *opening], hand, parameters.compute.workers)
     shown = drawn[: len(planned.shown)]
@@ -94,7 +97,8 @@ def page_content(
         versions=installed_versions(),
         settings=all_settings(parameters),
         drift_limit=parameters.validate_.drift_limit,
-        opening=opening_view([*shown, *drawn[len(drawn) - len(opening) :]]),
+        film=film,
+        opening=opening_view([*shown, *drawn[len(drawn) - len(opening) :]], film),
         counts=counts.pairs,
         worst=planned.worst,
         learned=learned,

@@ -22,6 +22,7 @@ from pipeline.pictures.render import Body, corner_normals, render
 from pipeline.pictures.robot import hand_bodies
 from pipeline.pictures.table_scene import moment_picture
 from pipeline.records.flat import read_flat
+from pipeline.records.opening_film import OpeningFilm
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.report import ReportParameters
 from pipeline.records.poses import pose_matrix
@@ -153,11 +154,12 @@ def draw_pair(task: PairTask) -> Drawn:
     return Drawn(view, records, {source: trials_table(source, *pair, task.trials[source]) for source in request.listed})
 
 
-def opening_view(drawn: Iterable[Drawn]) -> PairView | None:
-    """Return the first successful trial that was drawn, as all that is shown of its pair; None if all failed."""
+def opening_view(drawn: Iterable[Drawn], film: OpeningFilm | None) -> PairView | None:
+    """Return the pictures of the filmed trial, as all that is shown of its pair; None where nothing was filmed."""
     for one in drawn:
         for strip in one.view.strips:
-            if not strip.failed:
+            shown = (strip.source, (one.view.first, one.view.second), strip.trial)
+            if film is not None and shown == (film.source, film.objects, film.trial):
                 return PairView(one.view.first, one.view.second, grasps=[], rows=[], poster=None, strips=[strip])
     return None
 

@@ -1,4 +1,4 @@
-"""The top of the page: one successful trial in pictures, the result in a sentence, and the headline figures."""
+"""The top of the page: a successful trial as film and pictures, the result in a sentence, headline figures."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
+from pipeline.records.opening_film import OpeningFilm
 from pipeline.report import paper
 from pipeline.report.chosen_trials import chosen_moments
 from pipeline.report.pair_views import PairView
 from pipeline.report.rates import PairTrials, wilson_interval
 from pipeline.report.rendering import render
 from pipeline.report.summary import Value
+from pipeline.report.trial_rows import replay_command
 from pipeline.report.wording import SOURCE_TITLES, interval, percent
 
 MOST_TILES = 6  # in the first row
@@ -39,17 +41,28 @@ class Tile:
 
 
 def headline(
-    opening: PairView | None, trials: Mapping[str, Sequence[PairTrials]], summary: Mapping[str, Value]
+    film: OpeningFilm | None,
+    opening: PairView | None,
+    trials: Mapping[str, Sequence[PairTrials]],
+    summary: Mapping[str, Value],
 ) -> Markup:
     """Return the top of the page.
 
     Args:
-        opening: a pair with the strip of one successful trial; None where there is none.
+        film: of one successful trial; None where there is none.
+        opening: its pair, with the strip of the same trial.
         trials: counts per source and pair.
     """
     first, others = tiles(trials, summary)
     return render(
-        "header.html", opening=opening, moments=_moments(opening), results=results(trials), first=first, others=others
+        "header.html",
+        film=film,
+        command=replay_command(film.source, *film.objects, film.trial) if film else "",
+        opening=opening,
+        moments=_moments(opening),
+        results=results(trials),
+        first=first,
+        others=others,
     )
 
 

@@ -41,7 +41,7 @@ def build_page(content: PageContent, plotly_source: str) -> str:
     scenes = {view.name: view.grasps for view in content.views if view.grasps}
     return render(
         "page.html",
-        header=headline(content.opening, content.trials, content.summary),
+        header=headline(content.film, content.opening, content.trials, content.summary),
         sections=sections(content),
         blocks={
             "plotly-source": compressed(plotly_source),

@@ -46,6 +46,6 @@ def verbatim(name: str) -> Markup:
 
 
 def data_uri(picture: bytes) -> Markup:
-    """Return a JPEG or WebP as a data URI."""
-    kind = "webp" if picture[8:12] == b"WEBP" else "jpeg"
-    return Markup(f"data:image/{kind};base64,{base64.b64encode(picture).decode()}")
+    """Return a JPEG, a WebP or an mp4 as a data URI."""
+    kind = "image/webp" if picture[8:12] == b"WEBP" else "video/mp4" if picture[4:8] == b"ftyp" else "image/jpeg"
+    return Markup(f"data:{kind};base64,{base64.b64encode(picture).decode()}")

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from pipeline.records.opening_film import OpeningFilm
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.report import ReportParameters
 from pipeline.report.conditions import Tried
 from pipeline.report.counting import SYNTHESIZED
 from pipeline.report.drawing import Look, Request, full_look, small_look
+from pipeline.report.headline import MOST_PICTURES
 from pipeline.report.rates import MOST_PAIRS, PairTrials
 from pipeline.report.worst import WorstPair, worst_pairs
 
@@ -22,7 +24,7 @@ class Plan:
 
     shown: list[Request]  # pairs with grasps and strips, in the order of the page
     listed: list[Request]  # other pairs whose trials something on the page leads to
-    opening: Request | None  # the trial on top of the page, where no shown pair may have one
+    opening: Request | None  # the trial that the film shows, where no strip of a shown pair is of it
     worst: list[WorstPair] = field(default_factory=list)
 
 
@@ -31,12 +33,14 @@ def plan(
     tried: Sequence[Tried],
     settings: ReportParameters,
     evaluate: EvaluateParameters,
+    film: OpeningFilm | None,
 ) -> Plan:
     """Return which pairs are drawn, and whose trials are listed.
 
     Args:
         trials: per source, counts of every pair.
         tried: series that are compared with standard trials.
+        film: with which the page opens.
     """
     sources: dict[Pair, list[str]] = {}
     for source, pairs in trials.items():
@@ -54,7 +58,7 @@ def plan(
             if SYNTHESIZED in own
         ]
         others = [request(pair, (), own, bare) for pair, own in sources.items() if SYNTHESIZED not in own]
-        return Plan(shown, others, None)
+        return Plan(shown, others, opening_request(film, shown, full, evaluate))
     worst = worst_pairs(trials)
     small = small_look(settings)
     shown = [
@@ -67,13 +71,22 @@ def plan(
     for source, names in dict.fromkeys(linked):
         if names not in {(one.first, one.second) for one in worst}:
             linked_to.setdefault(names, []).append(source)
-    opening = next(
-        (
-            request((pair.first, pair.second), ((source, False),), (), Look(full.width, full.height, 6, grasps=0))
-            for source, own in trials.items()
-            for pair in own
-            if pair.successes
-        ),
-        None,
+    return Plan(
+        shown,
+        [request(pair, (), own, bare) for pair, own in linked_to.items()],
+        opening_request(film, shown, full, evaluate),
+        worst,
     )
-    return Plan(shown, [request(pair, (), own, bare) for pair, own in linked_to.items()], opening, worst)
+
+
+def opening_request(
+    film: OpeningFilm | None, shown: Sequence[Request], full: Look, evaluate: EvaluateParameters
+) -> Request | None:
+    """Return what is to be drawn of the filmed trial; None where a pair that is shown has pictures of it."""
+    if film is None:
+        return None
+    pair, strip = film.objects, (film.source, False)
+    if any((one.first, one.second) == pair and strip in one.strips for one in shown):
+        return None
+    look = Look(full.width, full.height, MOST_PICTURES, grasps=0)
+    return Request(*pair, strips=(strip,), listed=(), look=look, evaluate=evaluate)

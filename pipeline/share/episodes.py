@@ -23,13 +23,14 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from pipeline.evaluate.execution import Run
+from pipeline.evaluate.recorder import Recorder
+from pipeline.evaluate.rerun import TrialName, run_again
 from pipeline.hand.model import Hand
 from pipeline.hand.robot import robot_joint_names
+from pipeline.pictures.film import Film, shown_moments, write_film
 from pipeline.records.errors import UserError
+from pipeline.records.recordings import About, Recording
 from pipeline.records.writing import json_text
-from pipeline.replay.recording import About, Recorder, Recording
-from pipeline.replay.rerun import TrialName, run_again
-from pipeline.replay.video import Film, shown_moments, write_film
 
 VERSION = "v3.0"  # of LeRobot's format
 ROBOT = "panda_allegro_right"

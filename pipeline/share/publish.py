@@ -40,7 +40,7 @@ from pipeline.share.publication import (
 from pipeline.stages.running import command
 
 if TYPE_CHECKING:
-    from pipeline.replay.rerun import TrialName
+    from pipeline.evaluate.rerun import TrialName
 
 TITLE = "Sequential grasping: two objects in one hand"
 NAME = "sequential-grasping"
@@ -160,9 +160,9 @@ def _write_trials(folder: Path, chosen: argparse.Namespace) -> int:
     from functools import partial
 
     from pipeline.compute.fan_out import fan_out
+    from pipeline.evaluate.rerun import known_trials
     from pipeline.hand.model import load_hand
-    from pipeline.replay.rerun import known_trials
-    from pipeline.replay.video import Film
+    from pipeline.pictures.film import Film
     from pipeline.share.episodes import record, write_episodes
 
     workers = read_parameters().compute.workers

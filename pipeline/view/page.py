@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from pipeline.pictures.film import CAMERA_POSITION, CAMERA_TARGET
 from pipeline.pictures.serving import check_host, start_server
 from pipeline.records.errors import UserError
-from pipeline.replay.video import CAMERA_POSITION, CAMERA_TARGET
 from pipeline.view import facts, rows, scenes
 from pipeline.view.canvas import Canvas
 from pipeline.view.choice import Choice, named, turned_to

@@ -93,7 +93,7 @@ from pipeline.hand.model import load_hand
 from pipeline.records.flat import PAIR_GRASPS
 from pipeline.records.parameters import read_parameters
 from pipeline.records.series import series_of
-from pipeline.replay.rerun import TrialName, trial_name
+from pipeline.evaluate.rerun import TrialName, trial_name
 from pipeline.report.counting import firsts_of, grasps_of
 from pipeline.report.wording import SOURCE_TITLES
 from pipeline.share import GRASP_COLUMNS, load_grasps

@@ -18,23 +18,28 @@ import yaml
 
 from pipeline.evaluate.__main__ import evaluate
 from pipeline.evaluate.conditions import evaluate as evaluate_series
+from pipeline.evaluate.film import write_film
+from pipeline.evaluate.recorder import Recorder
+from pipeline.evaluate.rerun import TrialName, differing_columns, drawn_trials, known_trials, trial_name
 from pipeline.evaluate.scene import START_ARM, START_HAND
 from pipeline.evaluate.trial import run_trial
 from pipeline.hand.model import load_hand
 from pipeline.physics.sapien_bodies import SapienBody
+from pipeline.pictures import film as video
+from pipeline.pictures.appearance import appearance, moving_poses
 from pipeline.pictures.camera import look_at
+from pipeline.pictures.film import Film, drawn_moments, last_caption, raster, shown_moments, write_video
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.objects import write_prepared_object
+from pipeline.records.opening_film import FOLDER, VIDEO, load_film
 from pipeline.records.poses import pose_matrix
+from pipeline.records.recordings import MOMENTS, About, Recording, read_recording, write_recording
+from pipeline.records.sources import SOURCES
 from pipeline.records.tables import MERGED, TRIALS, read_table, write_table
 from pipeline.replay import __main__ as command
-from pipeline.replay import video
-from pipeline.replay.appearance import appearance, moving_poses
-from pipeline.replay.recording import MOMENTS, About, Recorder, Recording, read_recording, write_recording
-from pipeline.replay.rerun import TrialName, differing_columns, drawn_trials, known_trials, trial_name
+from pipeline.replay.renderers import RENDERERS
 from pipeline.replay.sapien_camera import SapienCamera, why_unusable
-from pipeline.replay.video import Film, drawn_moments, last_caption, shown_moments, write_video
 from pipeline.replay.viewer import Viewer
 
 HAND = load_hand("allegro")
@@ -62,6 +67,7 @@ def evaluated(tmp_path_factory, repository: Path, objects, grasp_row) -> Path:
         }
         values["conditions"]["sources"] = ["synthesized"]
         values["compute"]["workers"] = 1
+        values["reconstructed"] = {}
         Path("params.yaml").write_text(yaml.safe_dump(values))
         for prepared in objects:
             write_prepared_object(paths.prepared_folder(prepared.name), prepared)
@@ -71,6 +77,12 @@ def evaluated(tmp_path_factory, repository: Path, objects, grasp_row) -> Path:
     finally:
         os.chdir(before)
     return folder
+
+
+@pytest.fixture
+def synthesized_alone(monkeypatch) -> None:
+    """No other source has tables in this project."""
+    monkeypatch.setattr("pipeline.records.sources.SOURCES", {"synthesized": SOURCES["synthesized"]})
 
 
 def write_grasps(grasp_row: dict, merged_id: int) -> None:
@@ -346,7 +358,7 @@ def test_mp4_has_every_picture_and_shows_the_objects(
     film, recording = Film(320, 240, 5.0), resting(replayed)
     target = tmp_path / "trial.mp4"
     # 0.8 s, and 1 s for the outcome
-    assert write_video(target, recording, HAND, film, "raster") == 5 + 5
+    assert write_video(target, recording, HAND, film, raster) == 5 + 5
     reader = imageio_ffmpeg.read_frames(str(target))
     about = next(reader)
     frames = [np.frombuffer(frame, np.uint8).reshape(266, 320, 3) for frame in reader]
@@ -366,7 +378,7 @@ def test_gif_lasts_as_long_as_the_trial(evaluated: Path, replayed: Recording, mo
 
     monkeypatch.chdir(evaluated)
     film, recording = Film(160, 120, 5.0), resting(replayed)
-    assert write_video(tmp_path / "trial.gif", recording, HAND, film, "raster") == 10
+    assert write_video(tmp_path / "trial.gif", recording, HAND, film, raster) == 10
     with Image.open(tmp_path / "trial.gif") as gif:
         durations = []
         for index in range(gif.n_frames):  # those that are alike are one
@@ -379,10 +391,47 @@ def test_gif_lasts_as_long_as_the_trial(evaluated: Path, replayed: Recording, mo
     assert orange[0] > 1.5 * orange[2]
 
 
+@pytest.mark.render
+def test_the_report_gets_a_film_of_a_successful_trial(project: Path) -> None:
+    """Of the first one, as the table says, in no more bytes than fit into a page."""
+    import imageio_ffmpeg
+
+    rows = read_table(TABLE, TRIALS, "evaluate")
+    first = rows[rows["success"].astype(bool)].sort_values("trial").iloc[0]
+    write_film(Film(160, 120, 2.0))
+    film = load_film(FOLDER)
+    assert film is not None
+    assert (film.source, film.objects, film.trial) == ("synthesized", ("cube", "slender_cylinder"), first["trial"])
+    frames, seconds = imageio_ffmpeg.count_frames_and_secs(str(FOLDER / VIDEO))
+    assert seconds == pytest.approx(first["steps"] / 200 + 1.0, abs=0.5)  # 1 s for the outcome
+    assert frames == pytest.approx(2 * seconds, abs=1) and len(film.video) < 1_000_000
+
+
+def test_a_run_without_a_success_gets_no_film(project: Path, synthesized_alone) -> None:
+    rows = read_table(TABLE, TRIALS, "evaluate")
+    rows["success"] = False
+    write_table(TABLE, rows, TRIALS)
+    write_film(Film())
+    assert load_film(FOLDER) is None and not (FOLDER / VIDEO).exists()
+
+
+def test_a_trial_that_fails_again_is_not_filmed(project: Path, synthesized_alone, monkeypatch, capsys) -> None:
+    """As where its table comes from a machine that rounds otherwise."""
+    row = read_table(TABLE, TRIALS, "evaluate").iloc[0].to_dict()
+    failed = row | {"success": False, "reason": "second slip"}
+    monkeypatch.setattr("pipeline.evaluate.rerun.run_trial", lambda inputs, watch: failed)
+    write_film(Film())
+    assert f"went otherwise than in {TABLE}: success, reason" in capsys.readouterr().out
+    assert load_film(FOLDER) is None
+
+
 @pytest.mark.parametrize("suffix", video.FORMATS)
 def test_interrupted_video_leaves_nothing(evaluated: Path, short: Recording, monkeypatch, tmp_path, suffix) -> None:
     monkeypatch.chdir(evaluated)
     drawn = []
+
+    def black(looks, film):
+        return lambda poses: np.zeros((64, 64, 3), np.uint8)
 
     def some(picture: np.ndarray, caption: str) -> np.ndarray:
         drawn.append(caption)
@@ -390,10 +439,9 @@ def test_interrupted_video_leaves_nothing(evaluated: Path, short: Recording, mon
             raise KeyboardInterrupt
         return np.zeros((64 + 26, 64, 3), np.uint8)
 
-    monkeypatch.setattr(video, "_raster", lambda looks, film: lambda poses: np.zeros((64, 64, 3), np.uint8))
     monkeypatch.setattr(video, "captioned", some)
     with pytest.raises(KeyboardInterrupt):
-        write_video(tmp_path / f"trial{suffix}", short, HAND, Film(64, 64, 10.0), "raster")
+        write_video(tmp_path / f"trial{suffix}", short, HAND, Film(64, 64, 10.0), black)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -401,7 +449,7 @@ def test_video_that_cannot_be_written_is_told_before_drawing(evaluated: Path, sh
     monkeypatch.chdir(evaluated)
     (tmp_path / "file").write_text("")
     with pytest.raises(UserError, match="cannot write"):
-        write_video(tmp_path / "file" / "trial.mp4", short, HAND, Film(), "raster")
+        write_video(tmp_path / "file" / "trial.mp4", short, HAND, Film(), raster)
 
 
 @pytest.mark.render
@@ -423,7 +471,7 @@ def test_renderer_that_is_not_there_is_one_sentence(evaluated: Path, short: Reco
     monkeypatch.chdir(evaluated)
     monkeypatch.setattr("pipeline.replay.sapien_camera.why_unusable", lambda: "no rendering device")
     with pytest.raises(UserError, match=r"SAPIEN's renderer cannot be used \(no rendering device\); leave `--renderer"):
-        write_video(tmp_path / "trial.mp4", short, HAND, Film(), "sapien")
+        write_video(tmp_path / "trial.mp4", short, HAND, Film(), RENDERERS["sapien"])
     assert list(tmp_path.iterdir()) == []
 
 

@@ -16,6 +16,7 @@ from PIL import Image
 
 from pipeline.provenance.lines import code_lines
 from pipeline.records import paths
+from pipeline.records.opening_film import OpeningFilm
 from pipeline.records.parameters.evaluate import EvaluateParameters
 from pipeline.records.parameters.report import ReportParameters
 from pipeline.records.poses import pose_matrix
@@ -76,6 +77,7 @@ def embedded(page: str, name: str):
     return json.loads(gzip.decompress(base64.b64decode(packed)))
 
 
+FILM = OpeningFilm("synthesized", ("cube", "can"), 0, b"\0\0\0\x20ftypisom")
 SETTINGS = ReportParameters(picture_width=64, picture_height=64, pictures_per_trial=2)
 
 
@@ -95,7 +97,7 @@ def content(trials) -> PageContent:
     counts = [one for source in ALL_SOURCES for one in made_up.counts("cube", ["can"], source)]
     counted = {one.source: [one.trials] for one in counts}
     tried = made_up.tried("cube", ["can"])
-    planned = plan(counted, [tried], SETTINGS, EvaluateParameters())
+    planned = plan(counted, [tried], SETTINGS, EvaluateParameters(), FILM)
     assert (planned.listed, planned.opening, planned.worst) == ([], None, [])
     (request,) = planned.shown
     pair = tuple((np.asarray(mesh.vertices), np.asarray(mesh.faces)) for mesh in meshes)
@@ -121,7 +123,8 @@ def content(trials) -> PageContent:
         versions={"python": "3"},
         settings={"report": list(described("report", SETTINGS))},
         drift_limit=0.02,
-        opening=opening_view([drawn]),
+        film=FILM,
+        opening=opening_view([drawn], FILM),
         counts=counts,
         learned=learned,
         reconstructed=made_up.reconstructed(),
@@ -205,7 +208,7 @@ def test_placed_geometry_is_where_the_table_says(content, page):
 def test_a_run_without_grasps_or_successes_has_a_page(content):
     bare = replace(content.views[0], grasps=[], poster=None, strips=[])
     nothing = {source: [replace(pair, trials=0, successes=0) for pair in own] for source, own in content.trials.items()}
-    page = build_page(replace(content, views=[bare], shapes={}, opening=None, trials=nothing), "")
+    page = build_page(replace(content, views=[bare], shapes={}, film=None, opening=None, trials=nothing), "")
     check(page)
     assert 'id="pair-cube--can"' in page and "data-pair" not in page.split("<script>")[0]
     assert results(nothing) == [] and 'class="opening"' not in page
@@ -215,11 +218,24 @@ def test_a_trial_and_the_result_come_before_the_other_figures(page):
     (header,) = re.findall(r"<header>(.*?)</header>", page, re.DOTALL)
     rows = re.findall(r'<div class="tiles">.*?</div>\n', header, re.DOTALL)
     assert 1 <= rows[0].count('class="tile') - 1 <= MOST_TILES and len(rows) == 2
-    places = [header.index(part) for part in ('class="opening"', 'class="result"', rows[0], "<details", rows[1])]
+    places = [
+        header.index(part)
+        for part in ('class="opening"', "<video", 'class="strip"', 'class="result"', rows[0], "<details", rows[1])
+    ]
     assert places == sorted(places)
     (sentence,) = re.findall(r'<p class="result">(.*?)</p>', header, re.DOTALL)
     low, high = (f"{100 * end:.1f}" for end in wilson_interval(1, 3))
     assert sentence.count(f"{low}–{high}\u202f%") == sentence.count("of 3 trials") == len(ALL_SOURCES)
+
+
+def test_the_page_opens_with_the_film_and_pictures_of_the_same_trial(content, page):
+    (header,) = re.findall(r"<header>(.*?)</header>", page, re.DOTALL)
+    assert f'src="data:video/mp4;base64,{base64.b64encode(FILM.video).decode()}"' in header
+    assert "./dev replay synthesized/cube/can/0" in header
+    assert content.opening.strips[0].trial == 0 and header.count("<img") == len(content.opening.strips[0].pictures)
+    other = build_page(replace(content, opening=None), "")
+    (header,) = re.findall(r"<header>(.*?)</header>", other, re.DOTALL)
+    assert "<video" in header and 'class="strip"' not in header
 
 
 def test_names_are_escaped(content):
@@ -265,7 +281,7 @@ def many_content(content: PageContent, count: int) -> PageContent:
     trials = {source: [one.trials for one in counts if one.source == source] for source in OF_ALL_PAIRS}
     trials["learned"][3] = replace(trials["learned"][3], successes=0)
     trials[paths.RECONSTRUCTED] = content.trials[paths.RECONSTRUCTED]
-    planned = plan(trials, content.conditions.tried, SETTINGS, EvaluateParameters())
+    planned = plan(trials, content.conditions.tried, SETTINGS, EvaluateParameters(), content.film)
     merges = [one.grasps for one in counts if one.source == "synthesized"]
     funnels = [replace(content.funnels[0], object_name=f"first_{index}") for index in range(count)]
     quality = {(one.first, one.second): content.learned.quality["cube", "can"] for one in merges}
@@ -317,13 +333,16 @@ def test_trials_of_pairs_that_something_leads_to_are_listed_though_not_drawn():
 
     names = [f"a{index}" for index in range(MOST_PAIRS + 1)]
     trials = {"synthesized": pairs(names, 1), "reconstructed": pairs([names[-1], "other"], 2)}
-    planned = plan(trials, [], SETTINGS, EvaluateParameters())
+    film = replace(FILM, source="reconstructed", objects=("other", "can"))
+    planned = plan(trials, [], SETTINGS, EvaluateParameters(), film)
     assert [request.first for request in planned.shown] == names[:WORST_PAIRS]
     assert [(request.first, request.listed, request.strips) for request in planned.listed] == [
         (names[-1], ("reconstructed",), ()),
         ("other", ("reconstructed",), ()),
     ]
-    assert planned.opening is not None and planned.opening.strips == (("synthesized", False),)
+    assert planned.opening is not None and planned.opening.strips == (("reconstructed", False),)
+    assert (planned.opening.first, planned.opening.second) == ("other", "can")
+    assert plan(trials, [], SETTINGS, EvaluateParameters(), None).opening is None
     assert all(request.strips == (("synthesized", True),) for request in planned.shown)
 
 

@@ -15,13 +15,13 @@ import trimesh
 import yaml
 
 import seqgrasp
+from pipeline.evaluate.rerun import TrialName
 from pipeline.hand.model import load_hand
+from pipeline.pictures.film import Film
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.objects import write_prepared_object
-from pipeline.replay.recording import About, Recording
-from pipeline.replay.rerun import TrialName
-from pipeline.replay.video import Film
+from pipeline.records.recordings import About, Recording
 from pipeline.share.episodes import Episode, write_episodes
 from pipeline.share.publish import main
 from tests.objects import prepared

@@ -188,7 +188,7 @@ def test_tables_of_grasps(place, merged_table, changes):
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory) -> bytes:
-    from pipeline.replay.recording import About, Recording, write_recording
+    from pipeline.records.recordings import About, Recording, write_recording
 
     target = tmp_path_factory.mktemp("recording") / "a.parquet"
     poses = np.zeros((2, 3, 7))
@@ -200,7 +200,7 @@ def recording(tmp_path_factory) -> bytes:
 @examples(20)
 @given(changes=edits)
 def test_recordings(place, recording, changes):
-    from pipeline.replay.recording import read_recording
+    from pipeline.records.recordings import read_recording
 
     source = place / "recording.parquet"
     source.write_bytes(damaged(recording, changes))

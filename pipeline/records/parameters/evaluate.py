@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -80,6 +80,11 @@ class EvaluateParameters(Section):
         [0.12, 0.07],
         description="[m] Shorter lengths of the straight approach to object 1, tried in this order if no motion is "
         "found with the grasp's own.",
+    )
+    planner: Literal["own", "curobo"] = Field(
+        "own",
+        description="Planner of the arm's moves to a pre-grasp: `own`, or `curobo` where cuRobo 2 is installed; the "
+        "latter is not tested on a GPU, and its trials may not repeat to the bit. Paper's code: on the GPU.",
     )
     planning_margin: float = Field(
         0.003,

@@ -1,4 +1,4 @@
-// Compressed data of the page, tables that are made when their fold is opened, links to them, and copies as CSV.
+// The film plays unless the reader asked for less motion. Compressed data of the page, tables that are made when their fold is opened, links to them, and copies as CSV.
 "use strict";
 const embedded = (function () {
   const read = new Map(); // id of a block -> promise of its content
@@ -11,6 +11,11 @@ const embedded = (function () {
     if (!read.has(id)) read.set(id, unpack(id));
     return read.get(id);
   };
+})();
+
+(function () {
+  const film = document.querySelector(".opening video");
+  if (film && !matchMedia("(prefers-reduced-motion: reduce)").matches) film.play().catch(() => {}); // not allowed: its controls play it
 })();
 
 (function () {

@@ -1,23 +1,20 @@
 """What a trial looks like at every control period: joints and object poses over time, in one parquet file.
 
-A recording is made by looking on (``execution.Run.watch``). It holds all that a viewer or a video needs but meshes.
+A recording holds all that a viewer or a video needs but meshes.
 """
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from pipeline.evaluate.execution import Run
 from pipeline.records.errors import UserError
-from pipeline.records.poses import position_quaternion
 from pipeline.records.tables import check_size
 from pipeline.records.texts import parse_json
 from pipeline.records.writing import whole_file
@@ -54,35 +51,6 @@ class Recording:
     phase: list[str]
     robot_q: NDArray[np.float64]  # (n, R) rad
     poses: NDArray[np.float64]  # (objects, n, 7) position (m) and quaternion wxyz of the objects in the world
-
-
-@dataclass
-class Recorder:
-    """Writes down every moment of the run that it watches."""
-
-    moments: list[tuple[float, str, Any, list[Any]]] = field(default_factory=list)
-
-    def __call__(self, run: Run) -> None:
-        """Write down one moment."""
-        time = run.steps / run.scene.world.frequency
-        poses = [_pose(body.pose) for body in run.scene.objects]
-        self.moments.append((time, run.under_way, run.scene.robot.q, poses))
-
-    def recording(self, about: About) -> Recording:
-        """Return what was seen."""
-        time, phase, robot_q, poses = zip(*self.moments, strict=True) if self.moments else ([],) * 4
-        return Recording(
-            about,
-            np.array(time, np.float64),
-            list(phase),
-            np.array(robot_q, np.float64).reshape(len(time), -1),
-            np.array(poses, np.float64).reshape(len(time), len(about.objects), 7).swapaxes(0, 1),
-        )
-
-
-def _pose(T: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Position and quaternion (7,), as in ``snapshot_poses`` of a trial; no numbers where physics has lost the body."""
-    return np.concatenate(position_quaternion(T)) if np.isfinite(T).all() else np.full(7, np.nan)
 
 
 def write_recording(target: Path, recording: Recording) -> None:

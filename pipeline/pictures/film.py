@@ -14,15 +14,13 @@ from PIL import Image, ImageFont
 
 from pipeline.compute.progress import watched
 from pipeline.hand.model import Hand
+from pipeline.pictures.appearance import Appearance, appearance, moving_poses
 from pipeline.pictures.camera import look_at
 from pipeline.pictures.picture import CAPTION_HEIGHT, TEXT_SIZE, captioned
-from pipeline.records.errors import UserError
+from pipeline.records.recordings import About, Recording
 from pipeline.records.writing import check_writable, whole_file
-from pipeline.replay.appearance import Appearance, appearance, moving_poses
-from pipeline.replay.recording import About, Recording
 
 FORMATS = (".mp4", ".gif")
-RENDERERS = ("raster", "sapien")
 CAMERA_POSITION, CAMERA_TARGET, CAMERA_DEGREES = (1.70, -1.00, 0.80), (0.33, -0.03, 0.335), 29.0
 REACH = ((0.35, 0.0, 0.4), 0.95)  # ball (centre and radius, m) in which robot and objects cast shadows
 LAST_SECONDS = 1.0  # for which the last picture stays, with the outcome below it
@@ -32,6 +30,7 @@ ENCODER = ("-preset", "veryfast", "-threads", "1")  # a third of the default's c
 
 Picture = NDArray[np.uint8]  # (height, width, 3), sRGB
 Poses = list[NDArray[np.float64]]  # see appearance.moving_poses
+Draw = Callable[[Poses], Picture]
 
 
 @dataclass(frozen=True)
@@ -41,6 +40,9 @@ class Film:
     width: int = 480  # pixels
     height: int = 360  # without the line of text
     rate: float = 10.0  # pictures per second
+
+
+Renderer = Callable[[Appearance, Film], Draw]
 
 
 def shown_moments(time: NDArray[np.float64], rate: float) -> NDArray[np.int64]:
@@ -60,12 +62,12 @@ def drawn_moments(recording: Recording, shown: NDArray[np.int64]) -> NDArray[np.
     return np.array(serving, np.int64)
 
 
-def write_video(target: Path, recording: Recording, hand: Hand, film: Film, renderer: str) -> int:
+def write_video(target: Path, recording: Recording, hand: Hand, film: Film, renderer: Renderer) -> int:
     """Write a video; return the number of its pictures.
 
     Args:
         target: ends in .mp4 or .gif.
-        renderer: one of ``RENDERERS``.
+        renderer: :func:`raster`, or another one.
 
     Raises:
         UserError: the file cannot be written, or the renderer cannot be used.
@@ -95,21 +97,21 @@ def write_film(target: Path, recordings: Sequence[Recording], hand: Hand, film: 
     pictures = (
         picture
         for recording in recordings
-        for picture in _pictures(recording, hand, film, "raster", shown_moments(recording.time, film.rate))
+        for picture in _pictures(recording, hand, film, raster, shown_moments(recording.time, film.rate))
     )
     with whole_file(target) as temporary:
         _write_mp4(temporary, pictures, film, film.height, ("-g", "2"))
 
 
 def _pictures(
-    recording: Recording, hand: Hand, film: Film, renderer: str, shown: NDArray[np.int64]
+    recording: Recording, hand: Hand, film: Film, renderer: Renderer, shown: NDArray[np.int64]
 ) -> Iterator[Picture]:
     """Yield a picture per shown moment; a moment at which nothing has moved gets the last one again.
 
     Raises:
         UserError: the renderer cannot be used.
     """
-    draw = (_sapien if renderer == "sapien" else _raster)(appearance(recording, hand), film)
+    draw = renderer(appearance(recording, hand), film)
     drawn = -1
     for serving in drawn_moments(recording, shown).tolist():
         if serving != drawn:
@@ -123,22 +125,13 @@ def last_caption(about: About, width: int) -> str:
     return text if ImageFont.load_default(size=TEXT_SIZE).getlength(text) <= width - 16 else about.outcome
 
 
-def _raster(looks: Appearance, film: Film) -> Callable[[Poses], Picture]:
+def raster(looks: Appearance, film: Film) -> Draw:
+    """Return what draws the pictures of a film on the processor alone."""
     from pipeline.pictures.raster import Raster
 
     camera = look_at(CAMERA_POSITION, CAMERA_TARGET, CAMERA_DEGREES)
-    raster = Raster([*looks.moving, looks.sponge], camera, film.width, film.height, 0.0, REACH)
-    return lambda poses: raster.picture([*poses, looks.sponge.T_world])
-
-
-def _sapien(looks: Appearance, film: Film) -> Callable[[Poses], Picture]:
-    from pipeline.replay.sapien_camera import SapienCamera, why_unusable
-
-    reason = why_unusable()
-    if reason:
-        raise UserError(f"SAPIEN's renderer cannot be used ({reason}); leave `--renderer` out.")
-    view = (CAMERA_POSITION, CAMERA_TARGET, CAMERA_DEGREES)
-    return SapienCamera(looks, film.width, film.height, view).picture
+    pictures = Raster([*looks.moving, looks.sponge], camera, film.width, film.height, 0.0, REACH)
+    return lambda poses: pictures.picture([*poses, looks.sponge.T_world])
 
 
 def _write_mp4(

@@ -15,7 +15,7 @@ from pipeline.pictures.render import Body, corner_normals
 from pipeline.pictures.robot import robot_bodies
 from pipeline.records.objects import load_prepared_object
 from pipeline.records.poses import pose_matrix
-from pipeline.replay.recording import Recording
+from pipeline.records.recordings import Recording
 from pipeline.shapes.workplace import SPONGE_SIZE, SPONGE_X, TABLE_SIZE, TABLE_X
 
 TABLE_COLOUR = (0.80, 0.78, 0.74)
