@@ -24,9 +24,13 @@ if TYPE_CHECKING:
     from pipeline.pictures.film import Film
     from pipeline.records.recordings import Recording
 
-SECTIONS = ("seed", "styles", "pairs", "reconstructed", "picks", "physics", "evaluate")
 WIDTH, HEIGHT, RATE = 400, 300, 8.0  # pixels, pictures per second: some 300 KB, which ride in the page
 MOST_RUN_AGAIN = 3  # trials, where some do not succeed again: their table may come from another processor
+
+
+def sections() -> list[str]:
+    """Return the sections of ``params.yaml`` that the film depends on."""
+    return ["seed", "styles", "pairs", "reconstructed", "picks", "physics", "evaluate"]
 
 
 def successful_trials(parameters: dict[str, Any]) -> Iterator[TrialName]:
@@ -79,7 +83,7 @@ def write_film(film: Film) -> None:
     from pipeline.pictures.film import raster, write_video
 
     hand = load_hand(ALLEGRO)
-    names = islice(successful_trials(load_parameters(list(SECTIONS))), MOST_RUN_AGAIN)
+    names = islice(successful_trials(load_parameters(sections())), MOST_RUN_AGAIN)
     found = next(((name, recording) for name in names if (recording := filmed(name, hand))), None)
     with whole_folder(FOLDER) as folder:
         if found is None:

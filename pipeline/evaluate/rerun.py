@@ -135,17 +135,24 @@ def input_of_trial(name: TrialName, recorded: Mapping[str, Any], hand: Hand) -> 
 
 def _inputs_of(name: TrialName, hand: Hand) -> Sequence[TrialInput]:
     """Return the inputs of all trials of the same table with the same objects, as params.yaml is now."""
-    gone = UserError(f"params.yaml does not name the pair {name.objects_in_words} any more; add it again.")
-    if name.series is None:
-        parameters = load_parameters(inputs.sections(name.source))
-        if name.objects not in inputs.sequences_of(name.source, parameters):
-            raise gone
-        return inputs.inputs_of(name.source, name.objects, parameters, hand)
+    if name.series is not None:
+        return _inputs_of_series(name, name.series, hand)
+    parameters = load_parameters(inputs.sections(name.source))
+    if name.objects not in inputs.sequences_of(name.source, parameters):
+        raise _gone(name)
+    return inputs.inputs_of(name.source, name.objects, parameters, hand)
+
+
+def _inputs_of_series(name: TrialName, series: TrialSeries, hand: Hand) -> Sequence[TrialInput]:
     parameters = load_parameters(conditions.sections())
     require_name(name.source, conditions.series_to_run(parameters), "conditions", kind="series")
-    if name.objects not in conditions.pairs_of(name.series, parameters):
-        raise gone
+    if name.objects not in conditions.pairs_of(series, parameters):
+        raise _gone(name)
     return conditions.inputs_of_series("/".join([name.source, *name.objects]), parameters, hand)
+
+
+def _gone(name: TrialName) -> UserError:
+    return UserError(f"params.yaml does not name the pair {name.objects_in_words} any more; add it again.")
 
 
 def run_again(

@@ -33,6 +33,8 @@ _PINS_FILE = Path("constraints.txt")
 _COMMAND = re.compile(r"\bpython -m (pipeline(?:\.\w+)+)")
 _WRITER = "pipeline.code.__main__"  # its stage has no line, but depends on all files
 _LENGTH = 10  # hexadecimal digits of a fingerprint: one change in 10^12 is missed, and dvc.lock stays small
+# Packages that users install by themselves, in whatever version they have.
+_OF_USERS = {"curobo"}
 # Packages that are imported by another name than they are installed by.
 _DISTRIBUTIONS = {
     "PIL": "pillow",
@@ -194,7 +196,7 @@ def pins(root: Path, packages: Collection[str]) -> list[str]:
         if separator and not line.startswith("#"):
             known[_normal(name)] = line.strip()
     found = []
-    for package in packages:
+    for package in set(packages) - _OF_USERS:
         name = _normal(_DISTRIBUTIONS.get(package, package))
         if name not in known:
             raise UserError(

@@ -236,7 +236,7 @@ def trial_strip(
         source=str(trial["source"]),
         trial=int(trial["trial"]),
         shape=(look.width, look.height),
-        replay=replay_command(trial["source"], trial["object0"], trial["object1"], trial["trial"]),
+        replay=replay_command(trial["source"], (trial["object0"], trial["object1"]), trial["trial"]),
         captions=(captions := [phases[moment] for moment in moments]),
         pictures=[as_webp(picture) for picture in pictures],
         sheet=contact_sheet(pictures, captions),

@@ -57,7 +57,7 @@ def headline(
     return render(
         "header.html",
         film=film,
-        command=replay_command(film.source, *film.objects, film.trial) if film else "",
+        command=replay_command(film.source, film.objects, film.trial) if film else "",
         opening=opening,
         moments=_moments(opening),
         results=results(trials),

@@ -89,4 +89,4 @@ def opening_request(
     if any((one.first, one.second) == pair and strip in one.strips for one in shown):
         return None
     look = Look(full.width, full.height, MOST_PICTURES, grasps=0)
-    return Request(*pair, strips=(strip,), listed=(), look=look, evaluate=evaluate)
+    return Request(pair[0], pair[1], strips=(strip,), listed=(), look=look, evaluate=evaluate)

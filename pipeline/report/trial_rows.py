@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,16 +29,16 @@ HEADERS = (
 REPLAY = "run again"
 
 
-def replay_command(source: str, first: str, second: str, trial: int) -> str:
+def replay_command(source: str, objects: Sequence[str], trial: int) -> str:
     """Return the command that runs a trial again."""
-    return f"./dev replay {source}/{first}/{second}/{trial}"
+    return f"./dev replay {'/'.join([source, *objects, str(trial)])}"
 
 
 def trials_table(source: str, first: str, second: str, trials: pd.DataFrame) -> FoldedTable:
     """Return the trials of one pair; ``trials`` may hold other pairs too."""
     own = trials[(trials["object0"] == first) & (trials["object1"] == second)].sort_values("trial")
     rows = [trial_row(row) for row in own.to_dict("records")]
-    commands = [replay_command(source, first, second, int(trial)) for trial in own["trial"]]
+    commands = [replay_command(source, (first, second), int(trial)) for trial in own["trial"]]
     headers = (*HEADERS[:2], REPLAY, *HEADERS[2:])
     return FoldedTable(headers, [[*row[:2], cell, *row[2:]] for row, cell in zip(rows, commands, strict=True)])
 

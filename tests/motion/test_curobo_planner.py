@@ -8,6 +8,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
 from types import ModuleType, SimpleNamespace
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -58,10 +59,8 @@ def test_balls_cover_a_box_and_stand_out_little(size: tuple[float, float, float]
     assert out <= 0.04 * np.sqrt(3) / 2
 
 
-def test_a_ball_is_itself_and_a_round_shape_nearly_covered(arm: ArmModel) -> None:
-    balls = [item.geometry for item in arm.geometry.geometryObjects if type(item.geometry).__name__ == "Sphere"]
-    assert balls
-    np.testing.assert_array_equal(covering_balls(balls[0]), [[0, 0, 0, balls[0].radius]])
+def test_a_ball_is_itself_and_a_round_shape_nearly_covered() -> None:
+    np.testing.assert_array_equal(covering_balls(coal.Sphere(0.02)), [[0, 0, 0, 0.02]])
     points = np.random.default_rng(1).normal(size=(400, 3))
     points *= 0.05 / np.linalg.norm(points, axis=1, keepdims=True)
     found = covering_balls(convex_shape(points))

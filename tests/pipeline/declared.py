@@ -57,10 +57,10 @@ class Stage:
 
     @property
     def module(self) -> str:
-        """The module that the command runs, such as `pipeline.merge.__main__` or `pipeline.sample`."""
-        match = re.search(r"python -m (pipeline\.\w+)(\.\w+)?(?: |$)", self.command)
-        assert match, self.command
-        return match[1] + (match[2] or ".__main__")
+        """The module that the command runs, such as `pipeline.merge.__main__`; of several commands, the last."""
+        found = re.findall(r"python -m (pipeline\.\w+)(\.\w+)?(?: |$)", self.command, flags=re.MULTILINE)
+        assert found, self.command
+        return found[-1][0] + (found[-1][1] or ".__main__")
 
     @property
     def options(self) -> dict[str, str]:
@@ -91,7 +91,7 @@ def _stage(name: str, body: dict, variables: dict[str, str]) -> Stage:
     lines = filled(line for entry in body.get("params", []) for line in entry["code.yaml"])
     return Stage(
         name=name,
-        command=_filled(body["cmd"], variables),
+        command="\n".join(filled([body["cmd"]] if isinstance(body["cmd"], str) else body["cmd"])),
         dependencies=filled(body.get("deps", [])),
         parameters=tuple(line.removeprefix(SETTINGS) for line in lines if line.startswith(SETTINGS)),
         lines=tuple(line for line in lines if not f"{line}.".startswith(SETTINGS)),

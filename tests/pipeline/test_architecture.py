@@ -16,6 +16,7 @@ STAGES = {path.parent.name for path in ROOT.glob("pipeline/*/__main__.py")} - RE
 # Packages that take long to load, or that only a cluster needs: a module that runs without them imports them where it
 # needs them, or imports there another module that loads one of them.
 LATE = {
+    "curobo",
     *(
         "coacd",
         "coal",

@@ -40,10 +40,11 @@ def partners(
         pairs: ``all``; or how many partners each first object gets; or the pairs themselves.
         seed: the run's; with a number of partners it decides which.
 
-    No object is its own partner, unless the pairs themselves say so. Drawn partners are balanced: every second object has at least one, and between ``LEAST`` and ``MOST`` times an even
-    share. And they are stable: one object more or fewer changes few pairs of the others, because every first object has
-    an order of its own among the second ones, takes those that it prefers (rendezvous hashing, Thaler and Ravishankar
-    1998), and only those who have too few or too many are exchanged.
+    No object is its own partner, unless the pairs themselves say so. Drawn partners are balanced: every second object
+    has at least one, and between ``LEAST`` and ``MOST`` times an even share. And they are stable: one object more or
+    fewer changes few pairs of the others, because every first object has an order of its own among the second ones,
+    takes those that it prefers (rendezvous hashing, Thaler and Ravishankar 1998), and only those who have too few or
+    too many are exchanged.
     """
     if pairs == "all":
         return {first: tuple(second for second in seconds if second != first) for first in firsts}
