@@ -8,6 +8,9 @@ pinch  15 mm wide: 39, 25: 46, 35: 50, 60: 41, 80: 27, 95: 19, 110: 9, 125: 3, 1
 side   20 mm wide: none, 28: 3, 35: 9, 57: 42, 70: 27, 80: 6, 88: 1, 98: none; 57 mm wide, only 35 mm high: 32
 =====  ========================================================================================================
 
+Boxes of width x depth x height in mm: for a pinch (48 chains) 40 x 40 x 15: 3, 40 x 40 x 25: 26, 50 x 120 x 60: 34; for a
+side grasp (96 chains) 25 x 60 x 80: 19, 38 x 89 x 175: none, and none of four bodies lower than 23 mm.
+
 The geometry of the hand alone agrees for the side grasp (contacts of ring finger and palm that face each other within
 15 degrees are at most 81 mm apart) and says nothing for the pinch (210 mm).
 """
@@ -22,6 +25,8 @@ from scipy.spatial import ConvexHull
 
 READILY = {"pinch": (0.015, 0.100), "side": (0.035, 0.080)}  # m
 HARDLY = {"pinch": (0.010, 0.130), "side": (0.025, 0.090)}  # m; beyond, no grasp was found
+LOWEST = {"pinch": 0.02, "side": 0.03}  # m; the support keeps the hand away from lower ones
+DEEPEST = {"pinch": np.inf, "side": 0.08}  # m; the ring finger does not reach around more
 
 
 @dataclass(frozen=True)
@@ -47,15 +52,26 @@ def size_of(vertices: NDArray[np.float64]) -> Size:
 
 def fitting_styles(size: Size) -> list[str]:
     """Return the styles in which an object of this size is readily grasped."""
-    return [style for style, (low, high) in READILY.items() if low <= size.width <= high]
+    return [style for style in READILY if not misfit(style, size)]
+
+
+def misfit(style: str, size: Size) -> str:
+    """Return what of a size does not readily fit a style, '' if all does."""
+    low, high = READILY[style]
+    if not low <= size.width <= high:
+        return f"{1000 * size.width:.1f} mm wide, {1000 * low:.0f} to {1000 * high:.0f} mm are best"
+    if size.height < LOWEST[style]:
+        return f"{1000 * size.height:.1f} mm high, at least {1000 * LOWEST[style]:.0f} mm are best"
+    if size.depth > DEEPEST[style]:
+        return f"{1000 * size.depth:.1f} mm deep, at most {1000 * DEEPEST[style]:.0f} mm are best"
+    return ""
 
 
 def verdict(style: str, size: Size) -> str:
     """Return in words whether a size fits a style."""
-    (low, high), (least, most) = READILY[style], HARDLY[style]
-    said = f"{1000 * size.width:.1f} mm wide: "
-    if low <= size.width <= high:
-        return said + "fits"
-    if least <= size.width <= most:
-        return said + f"barely fits, expect few grasps ({1000 * low:.0f} to {1000 * high:.0f} mm are best)"
-    return said + f"does not fit, expect no grasps ({1000 * low:.0f} to {1000 * high:.0f} mm are best)"
+    reason = misfit(style, size)
+    if not reason:
+        return f"{1000 * size.width:.1f} mm wide: fits"
+    least, most = HARDLY[style]
+    barely = least <= size.width <= most and size.depth <= DEEPEST[style] and size.height >= LOWEST[style] / 2
+    return f"{'barely fits, expect few' if barely else 'does not fit, expect no'} grasps ({reason})"

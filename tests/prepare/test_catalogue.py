@@ -142,3 +142,6 @@ def test_the_shortest_rotation_brings_a_direction_up(up):
 def test_styles_follow_the_measured_sizes():
     assert fitting_styles(Size(0.057, 0.057, 0.105)) == ["pinch", "side"]
     assert fitting_styles(Size(0.2, 0.3, 0.1)) == []
+    assert fitting_styles(Size(0.04, 0.04, 0.025)) == ["pinch"]  # too low for the ring finger
+    assert fitting_styles(Size(0.04, 0.04, 0.015)) == []
+    assert fitting_styles(Size(0.038, 0.089, 0.175)) == ["pinch"]  # YCB's sugar box; no side grasp was ever found
