@@ -8,8 +8,8 @@ pinch  15 mm wide: 39, 25: 46, 35: 50, 60: 41, 80: 27, 95: 19, 110: 9, 125: 3, 1
 side   20 mm wide: none, 28: 3, 35: 9, 57: 42, 70: 27, 80: 6, 88: 1, 98: none; 57 mm wide, only 35 mm high: 32
 =====  ========================================================================================================
 
-Boxes of width x depth x height in mm: for a pinch (48 chains) 40 x 40 x 15: 3, 40 x 40 x 25: 26, 50 x 120 x 60: 34; for a
-side grasp (96 chains) 25 x 60 x 80: 19, 38 x 89 x 175: none, and none of four bodies lower than 23 mm.
+Boxes of width x depth x height in mm: for a pinch (48 chains) 40 x 40 x 15: 3, 40 x 40 x 25: 26, 50 x 120 x 60: 34; for
+a side grasp (96 chains) 25 x 60 x 80: 19, 38 x 89 x 175: none, and none of four bodies lower than 23 mm.
 
 The geometry of the hand alone agrees for the side grasp (contacts of ring finger and palm that face each other within
 15 degrees are at most 81 mm apart) and says nothing for the pinch (210 mm).
