@@ -228,12 +228,13 @@ def test_constraints_hold_every_direct_dependency(repository, declared):
 
 def test_every_package_that_is_imported_is_declared(repository, declared):
     everything = set(chain.from_iterable(declared.values()))
+    of_users = {"curobo"}  # is on no registry, and a choice of users that have it
     for rooms, known in (
         (["pipeline"], declared[""] | declared["cluster"] | declared["ros"] | declared["heic"] | declared["normals"]),
         (["tools", "tests", "benchmarks"], everything),
     ):
         missing = {module for module, packages in packages_of(repository, *rooms).items() if not packages & known}
-        assert missing == set()
+        assert missing - of_users == set()
 
 
 def test_every_dependency_is_imported_somewhere(repository, declared):

@@ -14,6 +14,8 @@ from tools import scales
 from tools.scales import flatten
 from tools.typed_defaults import MISSING, defaults_of
 
+SCALES = ["demo", "paper", "three", "tiny", "wide"]
+
 
 @pytest.fixture
 def project(repository, empty_folder):
@@ -59,7 +61,8 @@ def test_a_value_is_a_typed_default_or_in_conf_but_not_both(repository):
     shared = stated(repository / "conf/config.yaml")
     assert {defaults[name] for name in shared} == {MISSING}
     defaults |= shared
-    parents = {"paper": stated(repository / "conf/scale/demo.yaml")}
+    demo, paper = (stated(repository / f"conf/scale/{name}.yaml") for name in ("demo", "paper"))
+    parents = {"paper": demo, "wide": demo | paper}
     below: set[str] = set()  # set by a file over which this one may be composed
     for group in ("scale", "hand", "preset"):
         files = sorted((repository / "conf" / group).glob("*.yaml"))
@@ -70,7 +73,7 @@ def test_a_value_is_a_typed_default_or_in_conf_but_not_both(repository):
         below |= {name for file in files for name in stated(file)}
 
 
-@pytest.mark.parametrize("scale", ["demo", "paper", "three", "tiny"])
+@pytest.mark.parametrize("scale", SCALES)
 def test_every_scale_is_valid_and_states_every_value(project, scale):
     scales.compose(scale, project / "params.yaml")
     content = yaml.safe_load((project / "params.yaml").read_text())
@@ -78,7 +81,7 @@ def test_every_scale_is_valid_and_states_every_value(project, scale):
     assert missing(Parameters, content) == []
 
 
-@pytest.mark.parametrize("scale", ["demo", "paper", "three", "tiny"])
+@pytest.mark.parametrize("scale", SCALES)
 def test_the_official_preset_has_the_released_settings_on_any_scale(project, scale):
     """Figures of the released code: step, switch, temperature, iterations, contacts, links, height over the table."""
     scales.compose(scale, project / "ours.yaml")
@@ -134,7 +137,8 @@ def missing(model: type[BaseModel], content: dict, where: str = "") -> list[str]
     for name, field in model.model_fields.items():
         key = field.alias or name
         if key not in content:
-            if model is not ObjectParameters or field.default is not None:
+            applies = field.default is not None and (key != "pose" or content.get("up") == "auto")
+            if model is not ObjectParameters or applies:
                 found.append(where + key)
         elif isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
             found += missing(field.annotation, content[key], f"{where}{key}.")

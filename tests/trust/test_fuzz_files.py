@@ -20,7 +20,7 @@ from pipeline.records.tables import MERGED, read_table, write_table
 from tests.evaluate.conftest import GROUPS, HAND
 from tests.pairs import PAIR
 from tests.records.test_shapes_of_strangers import collada, threemf
-from tests.sample.test_clouds import pcd
+from tests.propose.test_clouds import pcd
 from tests.trust.damage import damaged, edits, examples, valid_or_one_sentence
 
 
