@@ -15,6 +15,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from pipeline.hand.fitting import Solid
+from pipeline.hand.meshes import solid
 from pipeline.hand.model import Hand, hand_of_file
 from pipeline.hand.moves import finger_joints
 from pipeline.hand.standard import standard_urdf
@@ -182,10 +184,11 @@ def _styles(content: dict[str, Any], hand: Hand, guesses: Guesses) -> dict[str, 
     return {"pinch": pinch | {"held": [press.finger], "waiting": [press.finger]}, "side": side}
 
 
-def completed(content: dict[str, Any], hand: Hand, guesses: Guesses) -> dict[str, Any]:
+def completed(content: dict[str, Any], hand: Hand, guesses: Guesses, urdf: Urdf) -> dict[str, Any]:
     """Return the description with what the kinematics say."""
+    in_physics = {name: [Solid(solid(one)) for one in urdf.links[name].iter("collision")] for name in hand.link_names}
     pairs, holding = overlapping_pairs(hand), _holding(hand, guesses)
-    contacts = inner_contacts(hand, guesses.found)
+    contacts = inner_contacts(hand, guesses.found, in_physics)
     fingers = {name: dict(own) for name, own in content["fingers"].items()}
     for finger, own in guesses.straight.items():
         fingers[finger] |= {"straight": _numbers(own.angles)}
@@ -282,13 +285,13 @@ def describe(source: Path, name: str) -> tuple[str, str]:
     """
     if not FINGER_NAME.fullmatch(name):
         raise UserError(f"the name {name!r}: use lower-case letters, digits and underscores, and begin with a letter.")
-    content, _, _ = first_description(source, source.stem.replace("_", " "), {"path": str(source)})
+    content, _, urdf = first_description(source, source.stem.replace("_", " "), {"path": str(source)})
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / DESCRIPTION
         file.write_text(yaml.safe_dump(content, sort_keys=False))
         hand = hand_of_file(file)
     guesses = guessed(hand)
-    content = completed(content, hand, guesses)
+    content = completed(content, hand, guesses, urdf)
     question = ""
     if guesses.found.miss > 0.01:
         question = (

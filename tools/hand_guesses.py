@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.hand.contacts import distance_to_shapes
+from pipeline.hand.fitting import Solid
 from pipeline.hand.kinematics import link_poses, points_on_links
 from pipeline.hand.model import Hand
 from pipeline.hand.surface import farthest_points, hand_surface
@@ -28,6 +29,8 @@ HELD_RADIUS = 0.035  # m, of what fingertips are to close about
 FACING, TIP_FACING = 0.7, 0.2  # cosine between a surface's normal and the way to the middle of what is held
 ALONE, TOGETHER = -0.2, 0.1  # mean cosines between fingertips, seen from there: one that opposes, those that it opposes
 PARALLEL, ASKEW = 0.85, 0.75  # cosines of stretched fingers with each other, and of a thumb with them
+WITHIN_REACH = 0.025  # m, from what is held: what is farther away touches it in no posture like this one
+NO_SURFACE = 0.002  # m, under the shape that physics has of a link: what is deeper is a seam between fitted shapes
 BURIED = 0.001  # m, from another link: what is nearer touches nothing else
 CONTACT_LINKS = 3  # last ones of a finger that may touch
 TIP_CONTACTS, OTHER_CONTACTS = 16, 8
@@ -174,8 +177,14 @@ def _odd_one(units: NDArray[np.float64]) -> int | None:
     return None
 
 
-def inner_contacts(hand: Hand, found: Meeting) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Return contact candidates by link, points and normals (n, 3): what of the last links faces the ball."""
+def inner_contacts(
+    hand: Hand, found: Meeting, solids: Mapping[str, Sequence[Solid]]
+) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Return contact candidates by link, points and normals (n, 3), link frame: what is near the ball and faces it.
+
+    Args:
+        solids: convex ones of each link, which physics has in the place of its shapes, link frame.
+    """
     owner, local = hand_surface(4000, hand)
     T = link_poses(hand, found.q[None])[0]
     contacts = {}
@@ -185,10 +194,14 @@ def inner_contacts(hand: Hand, found: Meeting) -> dict[str, tuple[NDArray[np.flo
         for name in names[-CONTACT_LINKS:]:
             link, last = hand.link(name), name == names[-1]
             points = local[owner == link]
-            inwards = _unit((found.centre - T[link, :3, 3]) @ T[link, :3, :3] - points)  # link frame
+            if not len(points):
+                continue
+            towards = (found.centre - T[link, :3, 3]) @ T[link, :3, :3] - points  # link frame
+            inwards, near = _unit(towards), np.linalg.norm(towards, axis=1) < HELD_RADIUS + WITHIN_REACH
             normals = outward_normals(hand, link, points)
             facing = (normals * inwards).sum(1) > (TIP_FACING if last else FACING)
-            chosen = np.flatnonzero(facing & exposed(hand, link, points, found.q))
+            outside = np.min([one.depths(points) for one in solids[name]], axis=0) > -NO_SURFACE
+            chosen = np.flatnonzero(facing & near & outside & exposed(hand, link, points, found.q))
             count = min(len(chosen), TIP_CONTACTS if last else OTHER_CONTACTS)
             if count:
                 chosen = chosen[farthest_points(points[chosen], count)]

@@ -6,15 +6,28 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 import yaml
 
+from pipeline.hand.fitting import Solid
 from pipeline.hand.kinematics import link_poses, points_on_links
 from pipeline.hand.model import hand_of_file, load_hand
 from pipeline.hand.moves import finger_joints
+from pipeline.hand.standard import source_file, standard_urdf
+from pipeline.hand.urdf import Urdf
+from pipeline.records.hands import description_file
+from pipeline.records.parameters.hand import read_description
 from tests.hand.toy import urdf_text
 from tools import describe_hand
-from tools.hand_guesses import Meeting, groups, opposing, tip_points
+from tools.hand_guesses import Meeting, groups, inner_contacts, opposing, tip_points
 from tools.palm_press import NEEDED
+
+
+def urdf_of(name: str) -> Urdf:
+    file = description_file(name)
+    described = read_description(file).urdf
+    source = source_file(described, file.parent)
+    return Urdf(standard_urdf(source, described.root, 1000.0), source)
 
 
 @pytest.fixture
@@ -86,7 +99,7 @@ def test_the_allegro_pinches_and_presses_with_the_ring_finger() -> None:
     assert guesses.opposing == ["thumb"] and guesses.press is not None and guesses.press.finger == "ring"
     np.testing.assert_allclose(guesses.face.normal, [1, 0, 0], atol=1e-6)
     content = {"fingers": {name: {} for name in hand.finger_links}, "styles": {"pinch": {}}}
-    described = describe_hand.completed(content, hand, guesses)
+    described = describe_hand.completed(content, hand, guesses, urdf_of("allegro"))
     for finger in ("index", "middle", "ring"):  # all joints at zero, by its URDF
         assert np.abs(described["fingers"][finger]["straight"]).max() < 0.15
     side = described["styles"]["side"]
@@ -105,6 +118,27 @@ def test_the_allegro_pinches_and_presses_with_the_ring_finger() -> None:
     palm = described["contacts"]["base_link"][0]
     np.testing.assert_allclose(np.array(palm["points"])[:, 0], 0.0114, atol=0.002)  # the face of its box
     np.testing.assert_allclose(palm["normals"], np.tile([1.0, 0.0, 0.0], (len(palm["normals"]), 1)), atol=1e-4)
+
+
+def test_contacts_are_near_what_is_held_and_on_the_surface_that_physics_has() -> None:
+    """A box about all of the index finger hides its contacts; a small one within each other link hides none."""
+    hand = load_hand("allegro")
+    found = describe_hand.guessed(hand).found
+    small, large = (Solid(trimesh.creation.box((size, size, size))) for size in (1e-4, 0.5))
+    contacts = inner_contacts(hand, found, {name: [small] for name in hand.link_names})
+    assert {hand.finger_links[finger][-1] for finger in tip_points(hand)} <= set(contacts)
+    T = link_poses(hand, found.q[None])[0]
+    for name, (points, normals) in contacts.items():
+        pose = T[hand.link(name)]
+        away = points @ pose[:3, :3].T + pose[:3, 3] - found.centre
+        distance = np.linalg.norm(away, axis=1)
+        assert distance.max() < 0.035 + 0.025  # m: radius of what is held, and reach about it
+        np.testing.assert_array_less((away * (normals @ pose[:3, :3].T)).sum(1), 0.0)  # they face it
+    index = hand.finger_links["index"]
+    hidden = inner_contacts(hand, found, {name: [large if name in index else small] for name in hand.link_names})
+    assert set(hidden) == set(contacts) - set(index)
+    for name, (points, _) in hidden.items():
+        np.testing.assert_array_equal(points, contacts[name][0])
 
 
 def test_a_hand_whose_fingers_stand_about_the_palm_presses_nothing() -> None:
