@@ -184,11 +184,15 @@ def _styles(content: dict[str, Any], hand: Hand, guesses: Guesses) -> dict[str, 
     return {"pinch": pinch | {"held": [press.finger], "waiting": [press.finger]}, "side": side}
 
 
+def solids_of(hand: Hand, urdf: Urdf) -> dict[str, list[Solid]]:
+    """Return the convex solids that physics has for each link, link frame."""
+    return {name: [Solid(solid(one)) for one in urdf.links[name].iter("collision")] for name in hand.link_names}
+
+
 def completed(content: dict[str, Any], hand: Hand, guesses: Guesses, urdf: Urdf) -> dict[str, Any]:
     """Return the description with what the kinematics say."""
-    in_physics = {name: [Solid(solid(one)) for one in urdf.links[name].iter("collision")] for name in hand.link_names}
     pairs, holding = overlapping_pairs(hand), _holding(hand, guesses)
-    contacts = inner_contacts(hand, guesses.found, in_physics)
+    contacts = inner_contacts(hand, guesses.found, solids_of(hand, urdf))
     fingers = {name: dict(own) for name, own in content["fingers"].items()}
     for finger, own in guesses.straight.items():
         fingers[finger] |= {"straight": _numbers(own.angles)}

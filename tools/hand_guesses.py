@@ -30,7 +30,9 @@ FACING, TIP_FACING = 0.7, 0.2  # cosine between a surface's normal and the way t
 ALONE, TOGETHER = -0.2, 0.1  # mean cosines between fingertips, seen from there: one that opposes, those that it opposes
 PARALLEL, ASKEW = 0.85, 0.75  # cosines of stretched fingers with each other, and of a thumb with them
 WITHIN_REACH = 0.025  # m, from what is held: what is farther away touches it in no posture like this one
-NO_SURFACE = 0.002  # m, under the shape that physics has of a link: what is deeper is a seam between fitted shapes
+NO_SURFACE = 0.002  # m, from the shape that physics has of a link: what is farther is a seam between fitted shapes
+ALIKE = 0.7  # cosine between normals of fitted shapes and of physics: steps between fitted boxes are no surface
+ROOM = 0.008  # m, that must be free in front of a contact
 BURIED = 0.001  # m, from another link: what is nearer touches nothing else
 CONTACT_LINKS = 3  # last ones of a finger that may touch
 TIP_CONTACTS, OTHER_CONTACTS = 16, 8
@@ -198,10 +200,11 @@ def inner_contacts(
                 continue
             towards = (found.centre - T[link, :3, 3]) @ T[link, :3, :3] - points  # link frame
             inwards, near = _unit(towards), np.linalg.norm(towards, axis=1) < HELD_RADIUS + WITHIN_REACH
-            normals = outward_normals(hand, link, points)
+            depth, normals = of_solids(solids[name], points)
+            is_surface = (np.abs(depth) < NO_SURFACE) & ((normals * outward_normals(hand, link, points)).sum(1) > ALIKE)
             facing = (normals * inwards).sum(1) > (TIP_FACING if last else FACING)
-            outside = np.min([one.depths(points) for one in solids[name]], axis=0) > -NO_SURFACE
-            chosen = np.flatnonzero(facing & near & outside & exposed(hand, link, points, found.q))
+            open_in_front = exposed(hand, link, points, found.q) & clear(hand, link, points + ROOM * normals, found.q)
+            chosen = np.flatnonzero(near & is_surface & facing & open_in_front)
             count = min(len(chosen), TIP_CONTACTS if last else OTHER_CONTACTS)
             if count:
                 chosen = chosen[farthest_points(points[chosen], count)]
@@ -209,11 +212,29 @@ def inner_contacts(
     return contacts
 
 
+def of_solids(solids: Sequence[Solid], points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return how far points (n, 3) are outside of convex solids, (n,), m, and the normals (n, 3) of the nearest faces.
+
+    Distances are those from the plane of that face, negative inside.
+    """
+    rows = np.arange(len(points))
+    heights = [points @ one.planes[:, :3].T - one.planes[:, 3] for one in solids]
+    depths = np.array([own.max(1) for own in heights])
+    normals = np.array([one.planes[own.argmax(1), :3] for one, own in zip(solids, heights, strict=True)])
+    nearest = depths.argmin(0)
+    return depths[nearest, rows], normals[nearest, rows]
+
+
 def exposed(hand: Hand, link: int, points: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which points (n, 3) on a link's shapes, link frame, are on its surface and in no other link at q (J,)."""
+    return (np.abs(distance_to_link(hand, link, points)) < 1e-6) & clear(hand, link, points, q)
+
+
+def clear(hand: Hand, link: int, points: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which points (n, 3), in a link's frame, are in no other link at q (J,)."""
     T = link_poses(hand, q[None])[0]
-    free = np.abs(distance_to_link(hand, link, points)) < 1e-6
     world = points @ T[link, :3, :3].T + T[link, :3, 3]
+    free = np.ones(len(points), dtype=bool)
     for other in sorted({*hand.box_link.tolist(), *hand.sphere_link.tolist()} - {link}):
         free &= distance_to_link(hand, other, (world - T[other, :3, 3]) @ T[other, :3, :3]) > BURIED
     return free

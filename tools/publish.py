@@ -56,8 +56,7 @@ def all_trials(parameters: Parameters) -> pd.DataFrame:
     files = {
         (source, first): (paths.trials_file(source, first), f"evaluate@{source}")
         for source in OF_ALL_PAIRS
-        for first, seconds in parameters.partners().items()
-        if seconds
+        for first in parameters.tried_partners()
     }
     to_run = parameters.conditions.to_run(bool(parameters.reconstructed), parameters.evaluate, parameters.physics)
     files |= {(name, ""): (series.table, STAGE) for name, series in to_run.items()}

@@ -12,7 +12,7 @@ from pipeline.hand.model import Hand
 from pipeline.records import paths
 from pipeline.records.digests import digest, prepared_digest
 from pipeline.records.kept import kept_object, kept_table
-from pipeline.records.parameters import chosen_sequences
+from pipeline.records.parameters import tried_sequences
 from pipeline.records.parameters.names import require_name
 from pipeline.records.sources import SOURCES
 from pipeline.records.tables import MERGED, rows_of
@@ -31,7 +31,7 @@ def sequences_of(source: str, parameters: dict[str, Any], first: str = "") -> li
         UserError: params.yaml does not name ``first`` for this source.
     """
     if source != paths.RECONSTRUCTED:
-        return chosen_sequences(parameters, first)
+        return tried_sequences(parameters, first)
     chosen = parameters["reconstructed"]
     if first:
         require_name(first, chosen, "reconstructed")

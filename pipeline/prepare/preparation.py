@@ -65,7 +65,7 @@ def _stood(
     """
     turn = shape.turn
     if up == RESTING:
-        return _come_to_rest(name, solid, shape.pose, turn)
+        return _come_to_rest(name, solid, shape.pose or 1, turn)
     vertices = frame.canonical_vertices(solid.vertices, solid.faces, up, turn)
     standing = resting.stance(vertices)
     if must_stand and not standing.firm:

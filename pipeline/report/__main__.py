@@ -31,10 +31,11 @@ def work() -> None:
     from pipeline.report.pairs_table import PAIRS, pairs_table
 
     hand = load_hand(parameters.hand)
-    partners = parameters.partners()
+    partners = {first: seconds for first, seconds in parameters.partners().items() if seconds}
+    tried = parameters.tried_partners()
     reconstructed = {first: tuple(item.side) for first, item in parameters.reconstructed.items()}
-    counts = count_all(parameters.styles, partners, reconstructed, parameters.compute.workers)
-    quality = {"learned": load_quality("learned", partners)}
+    counts = count_all(parameters.styles, partners, reconstructed, parameters.compute.workers, partners.keys() - tried)
+    quality = {"learned": load_quality("learned", tried)}
     if reconstructed:
         quality[paths.RECONSTRUCTED] = load_quality(paths.RECONSTRUCTED, reconstructed)
     content = page_content(parameters, hand, counts, quality["learned"])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,6 +48,7 @@ class First:
     source: str
     first: str
     seconds: tuple[str, ...]
+    tried: bool = True  # by the robot; otherwise merged for the training alone
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,7 @@ class PairCounts:
     source: str
     grasps: PairMerge  # combinations or samples that were checked
     trials: PairTrials
+    tried: bool
     grasp_ids: NDArray[np.int64]  # (accepted, 2) single grasps of the first and of the second object
     drifts: NDArray[np.float64]  # (accepted,) m, largest motion in the hand under gravity; nan where not tested
 
@@ -97,8 +99,9 @@ class Counts:
 
     @property
     def trials(self) -> dict[str, list[PairTrials]]:
-        """Outcomes of trials, per source and pair."""
-        return {source: [pair.trials for pair in self.pairs if pair.source == source] for source in self.sources}
+        """Outcomes of trials, per source and pair that the robot tries."""
+        tried = [pair for pair in self.pairs if pair.tried]
+        return {source: [pair.trials for pair in tried if pair.source == source] for source in self.sources}
 
 
 def count_all(
@@ -106,6 +109,7 @@ def count_all(
     partners: Mapping[str, Sequence[str]],
     reconstructed: Mapping[str, Sequence[str]],
     workers: int,
+    only_trained: Collection[str] = (),
 ) -> Counts:
     """Read and count all tables of a run.
 
@@ -113,12 +117,13 @@ def count_all(
         partners: per first object, the objects that are picked after it.
         reconstructed: the same for the pairs of reconstructed objects.
         workers: processes to read many tables with; see ``compute.fan_out``.
+        only_trained: first objects of pairs that are merged for the training alone.
 
     Raises:
         UserError: a table is missing or damaged.
     """
     singles = [Single(style, name) for style in STYLES for name in getattr(styles, style)]
-    firsts = firsts_of(partners, reconstructed)
+    firsts = firsts_of(partners, reconstructed, only_trained)
     workers = workers if len(singles) + len(firsts) > MOST_PAIRS else 1
     pairs = fan_out(count_first, firsts, workers, "tables of pairs")
     return Counts(
@@ -129,15 +134,25 @@ def count_all(
     )
 
 
-def firsts_of(partners: Mapping[str, Sequence[str]], reconstructed: Mapping[str, Sequence[str]]) -> list[First]:
+def firsts_of(
+    partners: Mapping[str, Sequence[str]],
+    reconstructed: Mapping[str, Sequence[str]],
+    only_trained: Collection[str] = (),
+) -> list[First]:
     """Return all tables of two-object grasps that a run has: source by source, in the order of the objects.
 
     Args:
         partners: per first object, the objects that are picked after it.
         reconstructed: the same for the pairs of reconstructed objects.
+        only_trained: first objects of pairs that are merged for the training alone.
     """
     pairs = [(name, partners if source.of_all_pairs else reconstructed) for name, source in SOURCES.items()]
-    return [First(source, first, tuple(seconds)) for source, own in pairs for first, seconds in own.items()]
+    return [
+        First(source, first, tuple(seconds), first not in only_trained)
+        for source, own in pairs
+        for first, seconds in own.items()
+        if source == SYNTHESIZED or first not in only_trained
+    ]
 
 
 def grasps_of(source: str, first: str) -> tuple[Path, pa.Schema, str]:
@@ -171,11 +186,15 @@ def count_first(item: First) -> list[PairCounts]:
         UserError: a table is missing or damaged.
     """
     grasps = read_flat_columns(*grasps_of(item.source, item.first), GRASP_COLUMNS)
-    trials = read_flat_columns(*trials_of(item.source, item.first), OUTCOMES)
-    return [pair_counts(item.source, item.first, second, grasps, trials) for second in item.seconds]
+    trials: Columns = {name: [] for name in OUTCOMES}
+    if item.tried:
+        trials = read_flat_columns(*trials_of(item.source, item.first), OUTCOMES)
+    return [pair_counts(item.source, item.first, second, grasps, trials, item.tried) for second in item.seconds]
 
 
-def pair_counts(source: str, first: str, second: str, grasps: Columns, trials: Columns) -> PairCounts:
+def pair_counts(
+    source: str, first: str, second: str, grasps: Columns, trials: Columns, tried: bool = True
+) -> PairCounts:
     """Count one pair; both tables may hold other pairs with the same first object too."""
     own = [row for row in zip(*(grasps[name] for name in GRASP_COLUMNS), strict=True) if row[0] == second]
     accepted = [row for row in own if row[-1] == ""]
@@ -183,6 +202,7 @@ def pair_counts(source: str, first: str, second: str, grasps: Columns, trials: C
         source=source,
         grasps=pair_merge(first, second, (check for *_, check in own)),
         trials=pair_trials(first, second, trials),
+        tried=tried,
         grasp_ids=np.array([row[1:3] for row in accepted], np.int64).reshape(-1, 2),
         drifts=np.array([_largest(drift) for _, _, _, drift, _ in accepted], np.float64),
     )

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from pipeline.records import paths
 from pipeline.records.digests import digest, file_digest, folder_digest, hand_digest, prepared_digest
 from pipeline.records.hands import ALLEGRO
-from pipeline.records.parameters import chosen_pairs, load_with_workers
+from pipeline.records.parameters import load_with_workers, second_objects, tried_sequences
 from pipeline.records.parameters.names import require_name
 from pipeline.stages.code import own_fingerprint
 from pipeline.stages.items import Keep, Stage, fingerprints_of, make_by_hand, make_items, one_by_one
@@ -99,7 +99,7 @@ class _Prepared:
     identity = "sample"  # what the seed of a pair depends on
 
     def __init__(self, parameters: dict[str, Any], only: str) -> None:
-        self.pairs = chosen_pairs(parameters, only)
+        self.pairs = second_objects(tried_sequences(parameters, only))
 
     def objects(self, first: str, second: str) -> tuple[PreparedObject, PreparedObject]:
         """Return the objects of a pair."""

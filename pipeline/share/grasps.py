@@ -12,7 +12,7 @@ from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.flat import PAIR_GRASPS
 from pipeline.records.sources import OF_ALL_PAIRS, SOURCES
-from pipeline.share.project import Project, objects_of, open_project, partners_of, read_pairs
+from pipeline.share.project import Project, objects_of, open_project, partners_of, read_pairs, tried_firsts
 from pipeline.share.publication import is_publication, published_tables
 
 
@@ -68,19 +68,23 @@ def grasps_of(
     """Return the grasps of ``pairs``, as :func:`load_grasps` does.
 
     Raises:
-        UserError: a table is missing or damaged.
+        UserError: a table is missing or damaged, or there is none.
     """
     seconds: dict[str, list[str]] = {}
     for first, second in pairs:
         seconds.setdefault(first, []).append(second)
-    tables = []
+    tables, tried = [], tried_firsts(project, seconds)
     for source in sources:
         for first, own in seconds.items():
+            if not SOURCES[source].of_single_grasps and first not in tried:
+                continue
             table, stage = SOURCES[source].table(first), SOURCES[source].stage
             for rows in read_pairs(project, table, PAIR_GRASPS, stage, own).values():
                 kept = rows[rows["rejected_by"] == ""] if only_accepted else rows
                 kept.insert(0, "source", source)
                 tables.append(kept)
+    if not tables:
+        raise UserError("these pairs were merged for the training alone; ask for the source synthesized.")
     return pd.concat(tables, ignore_index=True)
 
 

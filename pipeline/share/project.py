@@ -9,7 +9,7 @@ from __future__ import annotations
 import atexit
 import io
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -29,7 +29,7 @@ from pipeline.records.errors import UserError
 from pipeline.records.flat import flat, stored
 from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters import OBJECT_NAME
-from pipeline.records.parameters.pairs import PairsParameter, partners
+from pipeline.records.parameters.pairs import PairsParameter, is_tried, partners
 from pipeline.records.tables import check_size, hand_of_schema
 from pipeline.records.texts import parse_yaml
 
@@ -198,16 +198,31 @@ def partners_of(project: Project) -> dict[str, tuple[str, ...]]:
     Raises:
         UserError: params.yaml is missing, or is none of this project or this version.
     """
-    place, content = project.where(paths.PARAMETERS_FILE), _parameters(project)
-    objects = _objects(project, content)
-    if "pairs" not in content:
+    content = _parameters(project)
+    objects, (pairs, seed) = _objects(project, content), _pairs(project, content)
+    return partners(objects["pinch"], objects["side"], pairs, seed)
+
+
+def tried_firsts(project: Project, firsts: Iterable[str]) -> set[str]:
+    """Return those of some first objects whose pairs the project does not merge for the training alone.
+
+    Raises:
+        UserError: as :func:`partners_of`.
+    """
+    pairs, _ = _pairs(project, _parameters(project))
+    return {first for first in firsts if is_tried(first, pairs)}
+
+
+def _pairs(project: Project, parameters: Any) -> tuple[PairsParameter, int]:
+    """Return what says which objects are picked together, and the seed."""
+    place = project.where(paths.PARAMETERS_FILE)
+    if "pairs" not in parameters:
         raise UserError(f"{place} has no `pairs`: another version of this project made it; load it with that version.")
     try:
-        pairs: Any = TypeAdapter(PairsParameter).validate_python(content["pairs"])
-        seed = TypeAdapter(int).validate_python(content["seed"])
+        pairs: Any = TypeAdapter(PairsParameter).validate_python(parameters["pairs"])
+        return pairs, TypeAdapter(int).validate_python(parameters["seed"])
     except (ValueError, KeyError) as error:
         raise UserError(f"{place} says neither by `pairs` nor by `seed` which objects are picked together.") from error
-    return partners(objects["pinch"], objects["side"], pairs, seed)
 
 
 def _parameters(project: Project) -> Any:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from pipeline.records import paths
 from pipeline.records.digests import digest, hand_digest
 from pipeline.records.hands import ALLEGRO
-from pipeline.records.parameters import chosen_pairs, load_parameters
+from pipeline.records.parameters import chosen_sequences, load_parameters, second_objects
 from pipeline.records.parameters.train import TrainingParameters
 from pipeline.stages.code import own_fingerprint
 from pipeline.stages.items import Keep, Stage, all_wanted, make_items
@@ -48,7 +48,7 @@ def train_model() -> None:
     from pipeline.train.training import train, training_identity
 
     tables: dict[tuple[str, str], Any] = {}
-    pairs = chosen_pairs(parameters)
+    pairs = second_objects(chosen_sequences(parameters))
     unseen = held_out_objects({name for first, own in pairs.items() for name in (first, *own)}, data, seed)
     for first, seconds in pairs.items():
         learned = [second for second in seconds if second not in unseen]

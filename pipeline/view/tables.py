@@ -85,14 +85,14 @@ def _grasps(parameters: Parameters, hand: Hand) -> list[Table]:
     ]
 
 
-def _firsts(parameters: Parameters) -> dict[str, list[str]]:
-    """The first objects of all pairs, by source."""
-    firsts = [first for first, seconds in parameters.partners().items() if seconds]
-    reconstructed = list(parameters.reconstructed)
+def _tried(parameters: Parameters) -> dict[str, list[str]]:
+    """The first objects of all pairs that the robot tries, by source."""
+    firsts, reconstructed = list(parameters.tried_partners()), list(parameters.reconstructed)
     return {name: firsts if source.of_all_pairs else reconstructed for name, source in SOURCES.items()}
 
 
 def _pairs(parameters: Parameters) -> list[Table]:
+    merged = {paths.SYNTHESIZED: [first for first, seconds in parameters.partners().items() if seconds]}
     return [
         Table(
             MERGED_VIEW,
@@ -103,7 +103,7 @@ def _pairs(parameters: Parameters) -> list[Table]:
             source,
             first=first,
         )
-        for source, names in _firsts(parameters).items()
+        for source, names in (_tried(parameters) | merged).items()
         for first in names
     ]
 
@@ -119,7 +119,7 @@ def _trials(parameters: Parameters) -> list[Table]:
             source,
             first=first,
         )
-        for source, names in _firsts(parameters).items()
+        for source, names in _tried(parameters).items()
         for first in names
     ]
     to_run = parameters.conditions.to_run(bool(parameters.reconstructed), parameters.evaluate, parameters.physics)

@@ -48,7 +48,7 @@ def test_who_uses_the_hand_depends_on_the_description_of_the_chosen_one(stage):
 @pytest.mark.parametrize("room", sorted({*ROOMS} - READ_EVERYTHING))
 def test_a_stage_reads_no_parameter_but_its_sections(room):
     """Each function reads params.yaml once, and gets its own sections; pairs follow from sections, too."""
-    chosen = {"chosen_pairs", "chosen_sequences"}
+    chosen = {"chosen_sequences", "tried_sequences", "second_objects"}
     allowed = {"load_parameters", "load_with_workers", *chosen}
     for source in files_of(room):
         tree = ast.parse(source.read_text())
@@ -68,7 +68,7 @@ def test_a_stage_reads_no_parameter_but_its_sections(room):
 
 @each_room
 def test_who_asks_for_the_pairs_declares_what_they_depend_on(room):
-    asks = any(re.search(r"chosen_(pairs|sequences)\(", source.read_text()) for source in files_of(room))
+    asks = any(re.search(r"(chosen|tried)_sequences\(", source.read_text()) for source in files_of(room))
     for stage in STAGES:
         if asks and stage.room == room and not stage.reads_everything and stage.name != "evaluate-conditions":
             assert "picks" in stage.parameters

@@ -137,8 +137,7 @@ def missing(model: type[BaseModel], content: dict, where: str = "") -> list[str]
     for name, field in model.model_fields.items():
         key = field.alias or name
         if key not in content:
-            applies = field.default is not None and (key != "pose" or content.get("up") == "auto")
-            if model is not ObjectParameters or applies:
+            if model is not ObjectParameters or field.default is not None:
                 found.append(where + key)
         elif isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
             found += missing(field.annotation, content[key], f"{where}{key}.")

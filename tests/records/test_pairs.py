@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from pipeline.records.parameters.pairs import LEAST, MOST, PartnersWithin, partners
+from pipeline.records.parameters.pairs import LEAST, MOST, PartnersWithin, is_tried, partners
 
 FIRSTS = [f"first_{number}" for number in range(120)]
 SECONDS = [f"second_{number}" for number in range(80)]
@@ -66,6 +66,14 @@ def test_partners_come_from_the_same_origin():
     assert {first: own for first, own in drawn.items() if not first.startswith("ycb_")} == partners(
         [*FIRSTS, "ycbx_1"], SECONDS, 3, 1
     )
+
+
+def test_pairs_for_training_alone_are_not_tried():
+    chosen = PartnersWithin(partners=1, within=["ycb", "block"], only_trained=["block"])
+    assert [is_tried(name, chosen) for name in ("ycb_1", "block_2", "blocks", "cube")] == [True, False, True, True]
+    assert is_tried("block_2", "all") and is_tried("block_2", 3)
+    with pytest.raises(ValueError, match="only_trained names other"):
+        PartnersWithin(partners=1, within=["ycb"], only_trained=["other"])
 
 
 @pytest.mark.parametrize("pairs", ["all", 2, PartnersWithin(partners=2, within=["ycb"])])

@@ -61,6 +61,7 @@ def test_the_committed_file_is_valid(repository):
         ("validate.gravity_directions", ["down"], "validate.gravity_directions.0: "),
         ("objects.cube.fit_longest", 0.05, "objects.cube: give extents or fit_longest"),
         ("objects.plum", {"ycb": "018_plum", "scale": 2.0, "fit_longest": 0.05}, "give scale or fit_longest"),
+        ("objects.plum.pose", 2, "objects.plum: pose is for `up: auto`"),
         ("meshes.mug", {"file": "../mug.stl"}, "meshes.mug.file is not below data/raw"),
         ("meshes.mug", {"file": "/tmp/mug.stl"}, "meshes.mug.file is not below data/raw"),
         ("meshes.mug", {"file": "data/mug.stl"}, "meshes.mug.file is not below data/raw"),

@@ -7,7 +7,7 @@ import yaml
 
 from pipeline.hand.support import PLANE, Support, support_of
 from pipeline.records.errors import UserError
-from pipeline.records.parameters import Parameters, chosen_pairs, chosen_sequences, read_parameters
+from pipeline.records.parameters import Parameters, chosen_sequences, read_parameters, second_objects
 from pipeline.records.parameters.pairs import sequences
 from pipeline.records.parameters.picks import narrowed, pick_of, waiting_fingers
 from tools.scales import compose
@@ -33,7 +33,7 @@ def test_a_scale_names_the_sequence_of_three(parameters: Parameters) -> None:
     declared = {name: getattr(parameters, name) for name in ("seed", "styles", "pairs", "picks")}
     assert parameters.sequences() == chosen_sequences(declared, "cube") == [("cube", "puck", "tin")]
     with pytest.raises(UserError, match="3 entries"):
-        chosen_pairs(declared)
+        second_objects(chosen_sequences(declared))
 
 
 def test_settings_of_a_pick_count_from_the_plane_under_its_post(parameters: Parameters) -> None:

@@ -70,6 +70,19 @@ def test_every_pair_of_every_source_is_counted_from_its_own_rows(counts):
     assert counts.pairs[1].grasp_ids.shape == (3, 2)
 
 
+def test_pairs_for_training_alone_are_counted_as_merged_and_neither_as_sampled_nor_as_tried(folder):
+    paths.sampled_file("learned", "plum").unlink()
+    for source in ("synthesized", "learned"):
+        paths.trials_file(source, "plum").unlink()
+    styles = StylesParameters(pinch=list(PARTNERS), side=["can", "box"])
+    counts = count_all(styles, PARTNERS, RECONSTRUCTED, 1, only_trained={"plum"})
+    assert [(one.source, one.first) for one in counts.pairs if one.first == "plum"] == [("synthesized", "plum")]
+    assert [merge.accepted for merge in counts.merges] == [2, 3, 2]
+    assert {source: {one.first for one in own} for source, own in counts.trials.items()} == {
+        source: {"cube"} for source in counts.sources
+    }
+
+
 def test_a_drift_that_was_not_tested_is_no_number():
     rows = made_up.merged("cube", "can")
     counted = pair_counts("synthesized", "cube", "can", rows, made_up.trials("cube", ["can"]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import open3d
 import pytest
 import trimesh
 import yaml
@@ -19,7 +20,7 @@ from pipeline.records.hands import description_file
 from pipeline.records.parameters.hand import read_description
 from tests.hand.toy import urdf_text
 from tools import describe_hand
-from tools.hand_guesses import Meeting, groups, inner_contacts, opposing, tip_points
+from tools.hand_guesses import Meeting, groups, inner_contacts, of_solids, opposing, tip_points
 from tools.palm_press import NEEDED
 
 
@@ -121,24 +122,40 @@ def test_the_allegro_pinches_and_presses_with_the_ring_finger() -> None:
 
 
 def test_contacts_are_near_what_is_held_and_on_the_surface_that_physics_has() -> None:
-    """A box about all of the index finger hides its contacts; a small one within each other link hides none."""
     hand = load_hand("allegro")
-    found = describe_hand.guessed(hand).found
-    small, large = (Solid(trimesh.creation.box((size, size, size))) for size in (1e-4, 0.5))
-    contacts = inner_contacts(hand, found, {name: [small] for name in hand.link_names})
+    found, solids = describe_hand.guessed(hand).found, describe_hand.solids_of(hand, urdf_of("allegro"))
+    contacts = inner_contacts(hand, found, solids)
     assert {hand.finger_links[finger][-1] for finger in tip_points(hand)} <= set(contacts)
     T = link_poses(hand, found.q[None])[0]
     for name, (points, normals) in contacts.items():
         pose = T[hand.link(name)]
         away = points @ pose[:3, :3].T + pose[:3, 3] - found.centre
-        distance = np.linalg.norm(away, axis=1)
-        assert distance.max() < 0.035 + 0.025  # m: radius of what is held, and reach about it
+        assert np.linalg.norm(away, axis=1).max() < 0.035 + 0.025  # m: radius of what is held, and reach about it
         np.testing.assert_array_less((away * (normals @ pose[:3, :3].T)).sum(1), 0.0)  # they face it
+        (one,) = solids[name]
+        scene = open3d.t.geometry.RaycastingScene()
+        scene.add_triangles(one.hull.vertices.astype(np.float32), one.hull.faces.astype(np.uint32))
+        nearest = scene.compute_closest_points(points.astype(np.float32))
+        assert np.linalg.norm(nearest["points"].numpy() - points, axis=1).max() < 0.003
+        assert (normals * nearest["primitive_normals"].numpy()).sum(1).min() > 0.9
     index = hand.finger_links["index"]
-    hidden = inner_contacts(hand, found, {name: [large if name in index else small] for name in hand.link_names})
+    for name in index:  # physics has it elsewhere than the kernel
+        solids[name] = [Solid(one.hull.copy().apply_translation([0, 0, 1])) for one in solids[name]]
+    hidden = inner_contacts(hand, found, solids)
     assert set(hidden) == set(contacts) - set(index)
-    for name, (points, _) in hidden.items():
-        np.testing.assert_array_equal(points, contacts[name][0])
+
+
+def test_steps_between_fitted_boxes_are_no_contacts() -> None:
+    """A wedge of two boxes: its slope keeps points of their long faces, and none of the step, which looks along it."""
+    wedge = trimesh.Trimesh(
+        [[0, y, z] for y in (-1, 1) for z in (-2, 2)] + [[9, y, z] for y in (-1, 1) for z in (-1, 1)]
+    )
+    depth, normals = of_solids(
+        [Solid(wedge.convex_hull)], np.array([[4.5, 0.0, 1.5], [4.5, 0.0, 1.0], [9.5, 0.0, 0.0]])
+    )
+    slope = np.array([1.0, 0.0, 9.0]) / np.sqrt(82)
+    np.testing.assert_allclose(normals, [slope, slope, [1, 0, 0]], atol=1e-6)
+    np.testing.assert_allclose(depth, [0.0, -0.5 * slope[2], 0.5], atol=1e-6)
 
 
 def test_a_hand_whose_fingers_stand_about_the_palm_presses_nothing() -> None:

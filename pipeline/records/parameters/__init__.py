@@ -13,7 +13,7 @@ differs between scales, hands and presets, and `./dev compose` writes both to ``
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -32,7 +32,7 @@ from pipeline.records.parameters.hand import read_description
 from pipeline.records.parameters.merge import MergeParameters
 from pipeline.records.parameters.names import require_name
 from pipeline.records.parameters.objects import AssetParameters, MeshParameters, ObjectParameters, StylesParameters
-from pipeline.records.parameters.pairs import PairsParameter, PartnersWithin, sequences
+from pipeline.records.parameters.pairs import PairsParameter, PartnersWithin, is_tried, sequences
 from pipeline.records.parameters.physics import PhysicsParameters
 from pipeline.records.parameters.picks import PickParameters, check_picks, objects_of
 from pipeline.records.parameters.prepare import PrepareParameters
@@ -312,6 +312,10 @@ class Parameters(Section):
             found[first].append(second)
         return {first: tuple(seconds) for first, seconds in found.items()}
 
+    def tried_partners(self) -> dict[str, tuple[str, ...]]:
+        """Return the :meth:`partners` with which the robot tries grasps: not those that are for training alone."""
+        return {first: own for first, own in self.partners().items() if own and is_tried(first, self.pairs)}
+
 
 def _inside(path: str, folder: Path) -> bool:
     """Return whether a path is below a folder of the repository."""
@@ -388,14 +392,28 @@ def chosen_sequences(parameters: Mapping[str, Any], first: str = "") -> list[tup
     return [names for names in sequences(own, parameters["pairs"], parameters["seed"]) if first in ("", names[0])]
 
 
-def chosen_pairs(parameters: Mapping[str, Any], first: str = "") -> dict[str, tuple[str, ...]]:
-    """Return, for each first object, the objects that are picked after it; see :func:`chosen_sequences`.
+def tried_sequences(parameters: Mapping[str, Any], first: str = "") -> list[tuple[str, ...]]:
+    """Return the :func:`chosen_sequences` for which the model is sampled, and which the robot tries.
 
     Raises:
-        UserError: as there, or sequences are longer than two.
+        UserError: as there, or pairs that begin with ``first`` are for training alone.
+    """
+    if first and not is_tried(first, parameters["pairs"]):
+        raise UserError(
+            f"{paths.PARAMETERS_FILE}: pairs that begin with {first} are for training alone; take its source out of "
+            "pairs.only_trained, or use another object."
+        )
+    return [names for names in chosen_sequences(parameters, first) if is_tried(names[0], parameters["pairs"])]
+
+
+def second_objects(sequences: Sequence[tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+    """Return, for each first object of sequences of two, the objects that are picked after it.
+
+    Raises:
+        UserError: sequences are longer than two.
     """
     found: dict[str, list[str]] = {}
-    for names in chosen_sequences(parameters, first):
+    for names in sequences:
         if len(names) != 2:
             raise UserError(
                 f"{paths.PARAMETERS_FILE}: picks has {len(names)} entries, but the learned model knows two objects; "

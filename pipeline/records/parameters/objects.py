@@ -55,12 +55,18 @@ class _Shape(Section):
 
 
 class _InOnePose(Section):
-    pose: int = Field(
-        1,
+    pose: int | None = Field(
+        None,
         ge=1,
         le=12,
-        description="With `up: auto`: the pose in which the solid rests, 1 for the most probable one.",
+        description="With `up: auto` only: the pose in which the solid rests. 1, the most probable one, if omitted.",
     )
+
+    @model_validator(mode="after")
+    def _pose_of_resting(self) -> Self:
+        if self.pose is not None and getattr(self, "up", RESTING) != RESTING:
+            raise ValueError("pose is for `up: auto`; set that, or take pose out")
+        return self
 
 
 class ObjectParameters(_Shape, _InOnePose):

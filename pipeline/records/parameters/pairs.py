@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import product
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from pipeline.records.parameters.section import Section
 from pipeline.stages.seeds import item_seed
@@ -24,6 +24,21 @@ class PartnersWithin(Section):
         description="First parts of objects' names, such as sources under `assets`: objects whose names begin with one "
         "of them are paired among themselves, all others with each other.",
     )
+    only_trained: list[str] = Field(
+        [],
+        description="Those of `within` whose pairs are merged for the training alone: the model is not sampled for "
+        "them, and the robot does not try them.",
+    )
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        if unknown := sorted(set(self.only_trained) - set(self.within)):
+            raise ValueError(f"only_trained names {', '.join(unknown)}, which within does not list; add it there")
+        return self
+
+    def origin(self, name: str) -> str:
+        """Return which of ``within`` an object's name begins with, or nothing."""
+        return next((begin for begin in self.within if name.startswith(f"{begin}_")), "")
 
 
 PairsParameter = Literal["all"] | Annotated[int, Field(ge=1)] | PartnersWithin | list[tuple[str, ...]]
@@ -64,14 +79,16 @@ def partners(
 def _within(
     firsts: Sequence[str], seconds: Sequence[str], pairs: PartnersWithin, seed: int
 ) -> dict[str, tuple[str, ...]]:
-    def origin(name: str) -> str:
-        return next((begin for begin in pairs.within if name.startswith(f"{begin}_")), "")
-
     found: dict[str, tuple[str, ...]] = {}
     for begin in (*pairs.within, ""):
-        own = [[name for name in names if origin(name) == begin] for names in (firsts, seconds)]
+        own = [[name for name in names if pairs.origin(name) == begin] for names in (firsts, seconds)]
         found |= partners(own[0], own[1], pairs.partners, seed)
     return {first: found[first] for first in firsts}
+
+
+def is_tried(first: str, pairs: PairsParameter) -> bool:
+    """Return whether pairs that begin with an object are sampled and tried, and not merged for training alone."""
+    return not isinstance(pairs, PartnersWithin) or pairs.origin(first) not in pairs.only_trained
 
 
 def sequences(objects: Sequence[Sequence[str]], pairs: PairsParameter, seed: int) -> list[tuple[str, ...]]:
