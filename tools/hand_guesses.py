@@ -24,14 +24,18 @@ BEST = 40  # of them that say where fingers meet
 NEARBY, NARROWING = 600, (0.15, 0.1, 0.06, 0.03, 0.015, 0.008)  # postures of a round, and how widely they are drawn
 STRAYED = 0.05  # m, that a posture at the other ends of all joints counts as being off
 EXTREME = 0.01  # m, that joints all at their limits count as being off
+SEGMENT = 0.015  # m, least length of what is taken as a finger's last segment
+PAD_WAY, TURNED = 0.3, 0.03  # cosine between it and the way to what is held where pads touch; m, other cosines count so
+UNLIKE = 0.2  # m, that fingers of one make which are bent unlike count as being off, by their variance
 CROSSED = 0.03  # m, that fingers which all reach across the middle count as being off
 HELD_RADIUS = 0.035  # m, of what fingertips are to close about
 FACING, TIP_FACING = 0.7, 0.2  # cosine between a surface's normal and the way to the middle of what is held
 ALONE, TOGETHER = -0.2, 0.1  # mean cosines between fingertips, seen from there: one that opposes, those that it opposes
 PARALLEL, ASKEW = 0.85, 0.75  # cosines of stretched fingers with each other, and of a thumb with them
-WITHIN_REACH = 0.025  # m, from what is held: what is farther away touches it in no posture like this one
+WITHIN_REACH = 0.02  # m, from what is held: what is farther away touches it in no posture like this one
 NO_SURFACE = 0.002  # m, from the shape that physics has of a link: what is farther is a seam between fitted shapes
 ALIKE = 0.7  # cosine between normals of fitted shapes and of physics: steps between fitted boxes are no surface
+DISC, OFF_DISC = 0.004, 0.0015  # m: an edge is where a disc on the surface stands off by more
 ROOM = 0.008  # m, that must be free in front of a contact
 BURIED = 0.001  # m, from another link: what is nearer touches nothing else
 CONTACT_LINKS = 3  # last ones of a finger that may touch
@@ -68,6 +72,18 @@ def tip_points(hand: Hand) -> dict[str, tuple[int, NDArray[np.float64]]]:
     return found
 
 
+def last_segments(hand: Hand) -> dict[str, int]:
+    """Return, by finger, the last link whose origin is ``SEGMENT`` or more away from the tip: from there it points."""
+    T = link_poses(hand, ((hand.lower + hand.upper) / 2)[None])[0]
+    found = {}
+    for finger, (link, point) in tip_points(hand).items():
+        tip = T[link, :3, :3] @ point + T[link, :3, 3]
+        own = [hand.link(name) for name in hand.finger_links[finger]]
+        away = [other for other in own if np.linalg.norm(T[other, :3, 3] - tip) >= SEGMENT]
+        found[finger] = (away or own)[-1]
+    return found
+
+
 def finger_bases(hand: Hand) -> dict[str, NDArray[np.float64]]:
     """Return where every finger's first link is (3,), m, hand frame, with all joints in the middle of their range."""
     T = link_poses(hand, ((hand.lower + hand.upper) / 2)[None])[0]
@@ -88,7 +104,9 @@ class _Tries:
 def _tried(hand: Hand, q: NDArray[np.float64], opposed: Sequence[str], radius: float) -> _Tries:
     tips = tip_points(hand)
     links, points = np.array([link for link, _ in tips.values()]), np.array([point for _, point in tips.values()])
-    places = points_on_links(link_poses(hand, q), links, points)
+    T = link_poses(hand, q)
+    places = points_on_links(T, links, points)
+    segments = places - T[:, list(last_segments(hand).values())][..., :3, 3]
     alone = np.array([finger in opposed for finger in tips])
     centre = places.mean(1)
     if 0 < alone.sum() < len(tips):
@@ -100,7 +118,24 @@ def _tried(hand: Hand, q: NDArray[np.float64], opposed: Sequence[str], radius: f
     miss = np.sqrt(((away - radius) ** 2).mean(1)) + np.maximum(0.015 - apart, 0.0)
     bent = ((2 * (q - hand.lower) / (hand.upper - hand.lower) - 1) ** 2).mean(1)
     crossed = _crossed(hand, places - centre[:, None], list(tips))
-    return _Tries(q, places, centre, miss, miss + EXTREME * bent + CROSSED * crossed)
+    ways = (_unit(segments) * _unit(centre[:, None] - places)).sum(2)
+    turned = ((ways - PAD_WAY) ** 2).mean(1)
+    score = miss + EXTREME * bent + CROSSED * crossed + TURNED * turned + UNLIKE * _unlike(hand, q)
+    return _Tries(q, places, centre, miss, score)
+
+
+def _unlike(hand: Hand, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how unlike fingers of one make are bent, (n,): the variance of joints that are alike, as parts of a range.
+
+    Alike are joints of the same number in fingers with as many, and with the same limits.
+    """
+    groups: dict[tuple[float, ...], list[int]] = {}
+    for joints in hand.finger_joints.values():
+        for number, joint in enumerate(joints):
+            groups.setdefault((len(joints), number, hand.lower[joint], hand.upper[joint]), []).append(joint)
+    shares = (q - hand.lower) / (hand.upper - hand.lower)
+    found = [shares[:, own].var(1) for own in groups.values() if len(own) > 1]
+    return np.mean(found, axis=0) if found else np.zeros(len(q))
 
 
 def meeting(hand: Hand, opposed: Sequence[str] = ()) -> Meeting:
@@ -202,6 +237,7 @@ def inner_contacts(
             inwards, near = _unit(towards), np.linalg.norm(towards, axis=1) < HELD_RADIUS + WITHIN_REACH
             depth, normals = of_solids(solids[name], points)
             is_surface = (np.abs(depth) < NO_SURFACE) & ((normals * outward_normals(hand, link, points)).sum(1) > ALIKE)
+            is_surface &= away_from_edges(solids[name], points - depth[:, None] * normals, normals)
             facing = (normals * inwards).sum(1) > (TIP_FACING if last else FACING)
             open_in_front = exposed(hand, link, points, found.q) & clear(hand, link, points + ROOM * normals, found.q)
             chosen = np.flatnonzero(near & is_surface & facing & open_in_front)
@@ -225,6 +261,18 @@ def of_solids(solids: Sequence[Solid], points: NDArray[np.float64]) -> tuple[NDA
     return depths[nearest, rows], normals[nearest, rows]
 
 
+def away_from_edges(
+    solids: Sequence[Solid], points: NDArray[np.float64], normals: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Return at which points (n, 3) on convex solids a disc of ``DISC`` radius, on the tangent plane, is near them."""
+    side = np.cross(normals, np.eye(3)[np.abs(normals).argmin(1)])
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    other = np.cross(normals, side)
+    angles = np.arange(8) * np.pi / 4
+    around = [points + DISC * (np.cos(angle) * side + np.sin(angle) * other) for angle in angles]
+    return np.all([of_solids(solids, ring)[0] < OFF_DISC for ring in around], axis=0)
+
+
 def exposed(hand: Hand, link: int, points: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which points (n, 3) on a link's shapes, link frame, are on its surface and in no other link at q (J,)."""
     return (np.abs(distance_to_link(hand, link, points)) < 1e-6) & clear(hand, link, points, q)
@@ -241,7 +289,7 @@ def clear(hand: Hand, link: int, points: NDArray[np.float64], q: NDArray[np.floa
 
 
 def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
 
 
 def _shapes_of(hand: Hand, link: int):  # type: ignore[no-untyped-def]  # noqa: ANN202

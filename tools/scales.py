@@ -16,10 +16,12 @@ from typing import Any
 
 import yaml
 
+from pipeline.hand.model import load_hand
+from pipeline.hand.robot import require_arm
 from pipeline.records import paths
 from pipeline.records.errors import UserError
 from pipeline.records.hands import ALLEGRO
-from pipeline.records.parameters import read_parameters, require_allegro, require_conditions
+from pipeline.records.parameters import read_parameters, require_conditions, require_picks
 from pipeline.records.writing import whole_file
 from pipeline.stages.running import command
 from tools.parameter_text import own_meshes, with_mesh, without_meshes
@@ -160,7 +162,8 @@ def main(arguments: list[str] | None = None) -> int:
     composing_now = chosen.command == "compose"
     if not composing_now and chosen.everything:
         parameters = read_parameters()
-        require_allegro(parameters)
+        require_picks(parameters)
+        require_arm(load_hand(parameters.hand))
         require_conditions(parameters)
     said = switch(chosen.scale, chosen.force, chosen.preset, chosen.hand) if composing_now else describe()
     print(said, file=sys.stderr)

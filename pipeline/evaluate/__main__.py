@@ -12,10 +12,9 @@ from collections.abc import Iterable
 from pipeline.evaluate.inputs import inputs_of, sections, sequences_of, trial_digests
 from pipeline.records import paths
 from pipeline.records.digests import digest, hand_digest
-from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters import load_with_workers
 from pipeline.records.sources import SOURCES
-from pipeline.records.tables import TRIALS
+from pipeline.records.tables import TRIALS, of_hand
 from pipeline.stages.code import own_fingerprint
 from pipeline.stages.items import Stage, fingerprints_of, make_by_hand, make_items
 from pipeline.stages.outputs import Tables
@@ -33,9 +32,13 @@ def evaluate(source: str, only: str) -> None:
 
     from pipeline.evaluate.trials import trials_of
     from pipeline.hand.model import load_hand
+    from pipeline.hand.robot import require_arm
 
-    hand = load_hand(ALLEGRO)
-    tables = Tables(paths.trials_file(source, "").parent, TRIALS, ("objects", "trial"))
+    hand = load_hand(parameters["hand"])
+    require_arm(hand)
+    tables = Tables(
+        paths.trials_file(source, "").parent, of_hand(TRIALS, hand.name, hand.joint_count), ("objects", "trial")
+    )
     stage = Stage(f"evaluate@{source}", "trials", tables)
     with trials_of(tables, lambda objects: inputs_of(source, objects.split("/"), parameters, hand)) as begin:
         if only:

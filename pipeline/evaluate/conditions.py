@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING, Any
 from pipeline.evaluate.inputs import inputs_of, sequences_of, trial_digests
 from pipeline.records import paths
 from pipeline.records.digests import digest, hand_digest
-from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters import load_with_workers
 from pipeline.records.parameters.conditions import under
 from pipeline.records.parameters.names import require_name
 from pipeline.records.series import STAGE, TrialSeries
 from pipeline.records.sources import SOURCES
-from pipeline.records.tables import TRIALS
+from pipeline.records.tables import TRIALS, of_hand
 from pipeline.stages.code import own_fingerprint
 from pipeline.stages.items import Stage, fingerprints_of, make_by_hand, make_items
 from pipeline.stages.outputs import Tables
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
 
 def sections() -> list[str]:
     """Return the sections of ``params.yaml`` that the stage depends on."""
-    return ["seed", "reconstructed", "picks", "physics", "evaluate", "conditions"]
+    return ["hand", "seed", "reconstructed", "picks", "physics", "evaluate", "conditions"]
 
 
 def series_to_run(parameters: dict[str, Any]) -> dict[str, TrialSeries]:
@@ -100,9 +99,11 @@ def evaluate(only: str) -> None:
 
     from pipeline.evaluate.trials import trials_of
     from pipeline.hand.model import load_hand
+    from pipeline.hand.robot import require_arm
 
-    hand = load_hand(ALLEGRO)
-    tables = Tables(paths.series_file("").parent, TRIALS, ("objects", "trial"))
+    hand = load_hand(parameters["hand"])
+    require_arm(hand)
+    tables = Tables(paths.series_file("").parent, of_hand(TRIALS, hand.name, hand.joint_count), ("objects", "trial"))
     stage = Stage(STAGE, "trials", tables)
     keys = ["/".join([name, *objects]) for name, series in chosen.items() for objects in pairs_of(series, parameters)]
     with trials_of(tables, lambda key: inputs_of_series(key, parameters, hand)) as begin:

@@ -12,7 +12,6 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
-from pipeline.records.hands import ALLEGRO
 from pipeline.records.opening_film import FOLDER, VIDEO, write_about
 from pipeline.records.parameters import load_parameters
 from pipeline.records.writing import whole_folder
@@ -30,7 +29,7 @@ MOST_RUN_AGAIN = 3  # trials, where some do not succeed again: their table may c
 
 def sections() -> list[str]:
     """Return the sections of ``params.yaml`` that the film depends on."""
-    return ["seed", "styles", "pairs", "reconstructed", "picks", "physics", "evaluate"]
+    return ["hand", "seed", "styles", "pairs", "reconstructed", "picks", "physics", "evaluate"]
 
 
 def successful_trials(parameters: dict[str, Any]) -> Iterator[TrialName]:
@@ -80,10 +79,13 @@ def write_film(film: Film) -> None:
         UserError: an input is missing or damaged, or the folder cannot be written to.
     """
     from pipeline.hand.model import load_hand
+    from pipeline.hand.robot import require_arm
     from pipeline.pictures.film import raster, write_video
 
-    hand = load_hand(ALLEGRO)
-    names = islice(successful_trials(load_parameters(sections())), MOST_RUN_AGAIN)
+    parameters = load_parameters(sections())
+    hand = load_hand(parameters["hand"])
+    require_arm(hand)
+    names = islice(successful_trials(parameters), MOST_RUN_AGAIN)
     found = next(((name, recording) for name in names if (recording := filmed(name, hand))), None)
     with whole_folder(FOLDER) as folder:
         if found is None:

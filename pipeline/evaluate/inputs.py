@@ -15,13 +15,13 @@ from pipeline.records.kept import kept_object, kept_table
 from pipeline.records.parameters import tried_sequences
 from pipeline.records.parameters.names import require_name
 from pipeline.records.sources import SOURCES
-from pipeline.records.tables import MERGED, rows_of
+from pipeline.records.tables import MERGED, of_hand, rows_of
 
 
 def sections(source: str) -> list[str]:
     """Return the sections of ``params.yaml`` that ``evaluate@<source>`` depends on."""
     objects = ["reconstructed"] if source == paths.RECONSTRUCTED else ["styles", "pairs"]
-    return ["seed", *objects, "picks", "physics", "evaluate"]
+    return ["hand", "seed", *objects, "picks", "physics", "evaluate"]
 
 
 def sequences_of(source: str, parameters: dict[str, Any], first: str = "") -> list[tuple[str, ...]]:
@@ -49,7 +49,8 @@ def grasps_of(source: str, objects: Sequence[str], parameters: dict[str, Any], h
     """
     from pipeline.pairing.task import groups_of
 
-    rows = rows_of(kept_table(SOURCES[source].table(objects[0]), MERGED, SOURCES[source].stage), objects)
+    schema = of_hand(MERGED, hand.name, hand.joint_count)
+    rows = rows_of(kept_table(SOURCES[source].table(objects[0]), schema, SOURCES[source].stage), objects)
     grasps = accepted_grasps(rows, hand, groups_of(hand, parameters["picks"]), parameters["evaluate"].least_room)
     if source != paths.RECONSTRUCTED:
         return grasps

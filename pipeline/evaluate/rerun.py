@@ -21,7 +21,7 @@ from pipeline.records.parameters import load_parameters
 from pipeline.records.parameters.names import require_name
 from pipeline.records.series import STAGE, TrialSeries, series_of
 from pipeline.records.sources import SOURCES
-from pipeline.records.tables import TRIALS, read_table, rows_of
+from pipeline.records.tables import TRIALS, of_hand, read_table, rows_of
 from pipeline.stages.seeds import item_generator
 
 EXAMPLE = "synthesized/cube/soup_can/3"
@@ -166,7 +166,7 @@ def run_again(
     recorded = recorded_row(name)
     own = input_of_trial(name, recorded, hand)
     row = run_trial(own, watch)
-    return own, row, differing_columns(recorded, row)
+    return own, row, differing_columns(recorded, row, hand)
 
 
 def differences(hand: Hand, name: TrialName) -> list[str]:
@@ -174,14 +174,15 @@ def differences(hand: Hand, name: TrialName) -> list[str]:
     return run_again(name, hand)[2]
 
 
-def differing_columns(recorded: Mapping[str, Any], row: Mapping[str, Any]) -> list[str]:
+def differing_columns(recorded: Mapping[str, Any], row: Mapping[str, Any], hand: Hand) -> list[str]:
     """Return the columns in which two rows would not be the same bytes in the table."""
-    return [column for column in TRIALS.names if _exact(recorded[column], column) != _exact(row[column], column)]
+    columns = of_hand(TRIALS, hand.name, hand.joint_count)
+    return [one.name for one in columns if _exact(recorded[one.name], one.type) != _exact(row[one.name], one.type)]
 
 
-def _exact(value: Any, column: str) -> Any:
-    """Return a value as the table holds it, with floats as text that shows all their bits."""
-    return _with_all_bits(pa.array([value], type=TRIALS.field(column).type, from_pandas=True).to_pylist()[0])
+def _exact(value: Any, kind: pa.DataType) -> Any:
+    """Return a value as a column of the table holds it, with floats as text that shows all their bits."""
+    return _with_all_bits(pa.array([value], type=kind, from_pandas=True).to_pylist()[0])
 
 
 def _with_all_bits(value: Any) -> Any:

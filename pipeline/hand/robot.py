@@ -15,9 +15,23 @@ from numpy.typing import ArrayLike, NDArray
 from pipeline.hand.assets import panda_description
 from pipeline.hand.model import Hand
 from pipeline.hand.standard import generated_folder
+from pipeline.records.errors import UserError
 
 ARM_JOINT_NAMES = tuple(f"panda_joint{index}" for index in range(1, 8))
 ARM_LINKS = tuple(f"panda_link{index}" for index in range(8))
+
+
+def require_arm(hand: Hand) -> None:
+    """Check that a hand is on the arm.
+
+    Raises:
+        UserError: it is not.
+    """
+    if hand.mount is None:
+        raise UserError(
+            f"the hand {hand.name} is on no arm, so that there are no robot trials and no report; describe its `mount` "
+            f"in {hand.source}, or run `./dev repro sample@learned` for grasps without an arm."
+        )
 
 
 def _with_absolute_meshes(description: Path) -> ElementTree.Element:
@@ -68,8 +82,7 @@ def compose_robot(arm: bool, visuals: bool, hand: Hand) -> str:
         _without_visuals(own)
     if not arm:
         return ElementTree.tostring(own, encoding="unicode")
-    if hand.mount is None:
-        raise ValueError(f"the hand {hand.name} is not on the arm")
+    assert hand.mount is not None, hand.name
     robot = ElementTree.Element("robot", name=f"panda_{hand.name}")
     panda = _with_absolute_meshes(panda_description())
     if not visuals:

@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING, Any
 from pipeline.records import paths
 from pipeline.records.digests import digest, file_digest, hand_digest, prepared_digest
 from pipeline.records.errors import UserError
-from pipeline.records.hands import ALLEGRO
 from pipeline.records.objects import load_prepared_object
 from pipeline.records.parameters import chosen_sequences, load_with_workers
-from pipeline.records.tables import MERGED, VALIDATED, read_table
+from pipeline.records.tables import MERGED, VALIDATED, of_hand, read_table
 from pipeline.stages.code import own_fingerprint
 from pipeline.stages.items import Keep, Stage, fingerprints_of, make_by_hand, make_items
 from pipeline.stages.outputs import Tables
@@ -39,7 +38,7 @@ SIDE_BY_SIDE = 8
 
 def sections() -> list[str]:
     """Return the sections of ``params.yaml`` that the stage depends on."""
-    return ["seed", "styles", "pairs", "picks", "merge", "physics", "validate", "robustness"]
+    return ["hand", "seed", "styles", "pairs", "picks", "merge", "physics", "validate", "robustness"]
 
 
 def merge(only: str) -> None:
@@ -61,14 +60,14 @@ def merge(only: str) -> None:
     from pipeline.pairing.task import groups_of
 
     settings = parameters["merge"]
-    hand = load_hand(ALLEGRO)
-    groups = groups_of(hand, picks)
-    tables = Tables(paths.merged_file("").parent, MERGED, ("objects",))
+    hand = load_hand(parameters["hand"])
+    groups, single = groups_of(hand, picks), of_hand(VALIDATED, hand.name, hand.joint_count)
+    tables = Tables(paths.merged_file("").parent, of_hand(MERGED, hand.name, hand.joint_count), ("objects",))
     stage = Stage("merge", "pairs", tables)
 
     @lru_cache(maxsize=2 * SIDE_BY_SIDE)
     def grasps(number: int, name: str) -> list[SingleGrasp]:
-        table = read_table(paths.validated_file(styles[number], name), VALIDATED, f"validate@{styles[number]}")
+        table = read_table(paths.validated_file(styles[number], name), single, f"validate@{styles[number]}")
         return distinct_grasps(hand, validated_grasps(table), groups, number, settings.distinct_distance)
 
     def work(keys: Sequence[str], keep: Keep) -> Work[None]:

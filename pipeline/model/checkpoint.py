@@ -22,6 +22,7 @@ from safetensors.torch import load_file, save_file
 from pipeline.model.network import GraspModel
 from pipeline.model.representation import Normalisation
 from pipeline.records.errors import UserError
+from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters.train import DenoiserParameters, DiffusionParameters, EncoderParameters
 from pipeline.records.texts import parse_json
 from pipeline.records.writing import whole_folder, write_json
@@ -37,6 +38,7 @@ FORMAT = 1  # raised when older checkpoints can no longer be read
 class Checkpoint:
     """A trained model; ``weights`` are those of :class:`pipeline.model.network.GraspModel`."""
 
+    hand: str  # whose grasps it knows
     encoder: EncoderParameters
     denoiser: DenoiserParameters
     diffusion: DiffusionParameters
@@ -60,6 +62,7 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint, history: list[dict[st
     """
     config: dict[str, Any] = {
         "format": FORMAT,
+        "hand": checkpoint.hand,
         "encoder": checkpoint.encoder.model_dump(),
         "denoiser": checkpoint.denoiser.model_dump(),
         "diffusion": checkpoint.diffusion.model_dump(),
@@ -111,6 +114,7 @@ def read_checkpoint(folder: Path) -> Checkpoint:
         if config["format"] != FORMAT:
             raise UserError(f"{folder} was written by another version (format {config['format']}); {mend}.")
         checkpoint = Checkpoint(
+            hand=str(config.get("hand", ALLEGRO)),
             encoder=EncoderParameters.model_validate(config["encoder"]),
             denoiser=DenoiserParameters.model_validate(config["denoiser"]),
             diffusion=DiffusionParameters.model_validate(config["diffusion"]),

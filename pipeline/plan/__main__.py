@@ -22,7 +22,6 @@ import numpy as np
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
-from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters import load_parameters
 from pipeline.records.poses import pose_matrix, transform_points
 from pipeline.records.sources import OF_ALL_PAIRS, SOURCES
@@ -46,7 +45,7 @@ BASE_HEIGHT = 0.003  # m over an object's lowest point, within which it is taken
 
 def sections() -> list[str]:
     """Parameter sections that a plan depends on."""
-    return ["seed", "picks", "physics", "evaluate"]
+    return ["hand", "seed", "picks", "physics", "evaluate"]
 
 
 @dataclass(frozen=True)
@@ -84,6 +83,7 @@ def plan(choice: Choice, places: Places, output: Path, dry_run: bool, fr3: bool 
     settings, physics = parameters["evaluate"], parameters["physics"]
 
     from pipeline.hand.model import load_hand
+    from pipeline.hand.robot import require_arm
     from pipeline.pictures.picture import png_bytes
     from pipeline.plan.fr3 import check_fr3
     from pipeline.plan.limits import check_limits
@@ -94,7 +94,8 @@ def plan(choice: Choice, places: Places, output: Path, dry_run: bool, fr3: bool 
 
     _check_output(output)
     _check_frames(choice.table, places.capture)
-    hand = load_hand(ALLEGRO)
+    hand = load_hand(parameters["hand"])
+    require_arm(hand)
     grasp, names = _grasp(choice, hand, parameters["picks"])
     table = (
         _captured(names, places, settings) if places.capture else _placed(names, places, parameters["picks"], settings)
@@ -158,11 +159,11 @@ def _grasp(choice: Choice, hand: Hand, picks: Sequence[PickParameters]) -> tuple
     from pipeline.evaluate.grasps import grasp_from_row
     from pipeline.pairing.task import groups_of
     from pipeline.records.parameters import OBJECT_NAME
-    from pipeline.records.tables import MERGED, read_table, rows_of
+    from pipeline.records.tables import MERGED, of_hand, read_table, rows_of
 
     source = choice.table
     try:
-        grasps = read_table(source, MERGED, "merge")
+        grasps = read_table(source, of_hand(MERGED, hand.name, hand.joint_count), "merge")
     except UserError as error:  # whose advice is for the stages' own files
         raise UserError(
             f"{source} is missing or no table of two-object grasps; name one of {', '.join(map(str, PREPARED))} or "

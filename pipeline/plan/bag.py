@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.records.errors import UserError
-from pipeline.records.hands import ALLEGRO, ARM_JOINTS
+from pipeline.records.hands import ARM_JOINTS
 from pipeline.records.parameters import load_parameters
 from pipeline.records.reading import read_json
 from pipeline.records.writing import check_writable, replace_folder, write_json
@@ -91,7 +91,7 @@ def write_bag(source: Path) -> Path:
     plan = Plan(source)
     target = source.parent / BAG
     check_writable(target)
-    sponge_height = load_parameters(["evaluate"])["evaluate"].sponge_height
+    parameters = load_parameters(["hand", "evaluate"])
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     from pipeline.hand.model import load_hand
@@ -99,7 +99,7 @@ def write_bag(source: Path) -> Path:
 
     with tempfile.TemporaryDirectory(dir=source.parent, prefix=".bag") as folder:
         made, written = Path(folder) / BAG, 0
-        messages, found = events(plan, load_hand(ALLEGRO), sponge_height, START)
+        messages, found = events(plan, load_hand(parameters["hand"]), parameters["evaluate"].sponge_height, START)
         with Writer(made, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
             connections = {
                 topic: writer.add_connection(topic, kind, typestore=messages.store) for topic, kind in KINDS.items()

@@ -12,11 +12,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from pipeline.records.errors import UserError
-from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters import load_with_workers
 from pipeline.stages.running import command
 
 SECTIONS = (
+    "hand",
     "seed",
     "picks",
     "train.sampling",
@@ -54,7 +54,7 @@ def propose(sources: tuple[Path, Path], count: int, output: Path, method: str = 
     (first, points0, centre0), (second, points1, centre1) = (load_own_object(source) for source in sources)
     if first.name == second.name:
         first, second = replace(first, name=f"{first.name}_0"), replace(second, name=f"{second.name}_1")
-    hand, objects = load_hand(ALLEGRO), (first, second)
+    hand, objects = load_hand(parameters["hand"]), (first, second)
     compile_kernels()
     tables = {}
     if method != "synthesize":
@@ -82,14 +82,15 @@ def _write(best, objects, centres, hand, output: Path) -> None:  # type: ignore[
     from pipeline.propose.page import grasp_page
     from pipeline.propose.proposals import in_frames_of_files
     from pipeline.records.flat import PAIR_GRASPS, flat
-    from pipeline.records.tables import MERGED, arrow_table, write_arrow
+    from pipeline.records.tables import MERGED, arrow_table, of_hand, write_arrow
     from pipeline.records.writing import whole_file, write_json
 
     methods = best["method"].tolist()
-    rows = flat(arrow_table(best, MERGED), PAIR_GRASPS).to_pylist()
+    schema = of_hand(MERGED, hand.name, hand.joint_count)
+    rows = flat(arrow_table(best, schema), PAIR_GRASPS).to_pylist()
     with whole_file(output / "grasps.html") as temporary:
         temporary.write_text(grasp_page(rows, objects, hand), encoding="utf-8")
-    own_frames = arrow_table(in_frames_of_files(best, centres), MERGED)
+    own_frames = arrow_table(in_frames_of_files(best, centres), schema)
     write_arrow(output / "grasps.parquet", own_frames)
     flat_rows = flat(own_frames, PAIR_GRASPS).to_pylist()
     write_json(output / "grasps.json", [row | {"method": own} for row, own in zip(flat_rows, methods, strict=True)])

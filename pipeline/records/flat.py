@@ -166,7 +166,10 @@ PAIR_TRIALS = pa.schema(
 
 def stored(schema: pa.Schema) -> pa.Schema:
     """Return the schema of the files that are read with the columns of ``schema``."""
-    return {PAIR_GRASPS: MERGED, PAIR_TRIALS: TRIALS}.get(schema, schema)
+    for pairs, whole in ((PAIR_GRASPS, MERGED), (PAIR_TRIALS, TRIALS)):
+        if schema.names == pairs.names:
+            return tables.as_of_hand(whole, schema)
+    return schema
 
 
 def flat(table: pa.Table, schema: pa.Schema) -> pa.Table:
@@ -177,6 +180,10 @@ def flat(table: pa.Table, schema: pa.Schema) -> pa.Table:
     """
     if set(pc.unique(pc.list_value_length(table["objects"])).to_pylist()) - {OBJECTS}:
         raise UserError("its rows are not about two objects each; choose a table of pairs.")
+    for name in ("q", "squeeze_q", "snapshot_robot_q"):  # as many values as the hand of the table has joints
+        if name in schema.names:
+            column = schema.get_field_index(name)
+            schema = schema.set(column, schema.field(column).with_type(table.schema.field(name).type))
     return pa.Table.from_arrays([_values(table, field) for field in schema], schema=schema)
 
 

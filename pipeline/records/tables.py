@@ -219,15 +219,35 @@ TRIALS = pa.schema(
 )
 
 
+_OF_JOINTS = {  # columns with a value per joint of the hand, by their type
+    "q": _vector,
+    "squeeze_q": _vector,
+    "open_q": lambda joints: pa.list_(_vector(joints)),
+    "snapshot_robot_q": lambda joints: pa.list_(_vector(ARM_JOINTS + joints)),
+}
+
+
 def of_hand(schema: pa.Schema, hand: str, joints: int) -> pa.Schema:
-    """Return ``CANDIDATES`` or ``VALIDATED`` as it is for a hand: its joints in ``q``, its name in the metadata.
+    """Return a schema of grasps or trials as it is for a hand: with that many joints, and its name in the metadata.
 
     The Allegro's tables are the schemas as they stand, without metadata.
     """
     if hand == ALLEGRO:
         return schema
-    q = schema.get_field_index("q")
-    return schema.set(q, pa.field("q", _vector(joints))).with_metadata({_HAND: hand})
+    for name in schema.names:
+        if name in _OF_JOINTS and schema.field(name).type == _OF_JOINTS[name](ALLEGRO_JOINTS):
+            schema = schema.set(schema.get_field_index(name), schema.field(name).with_type(_OF_JOINTS[name](joints)))
+    return schema.with_metadata({_HAND: hand})
+
+
+def as_of_hand(schema: pa.Schema, other: pa.Schema) -> pa.Schema:
+    """Return ``MERGED`` or ``TRIALS`` as it is for the hand of ``other``, which has joints in columns of like names."""
+    for name in ("q", "snapshot_robot_q"):
+        if name in schema.names and name in other.names:
+            kind = other.field(name).type
+            size = getattr(kind if name == "q" else getattr(kind, "value_type", kind), "list_size", 0)
+            return of_hand(schema, hand_of_schema(other), size - (0 if name == "q" else ARM_JOINTS))
+    return schema
 
 
 def hand_of_schema(schema: pa.Schema) -> str:
@@ -262,7 +282,8 @@ def read_table(source: Path, schema: pa.Schema, made_by: str) -> pd.DataFrame:
         made_by: the DVC stage that writes the file, named in errors.
 
     Raises:
-        UserError: the file is missing, damaged, of another hand, or has other columns.
+        UserError: the file is missing, damaged, of another hand, or has other columns. ``MERGED`` and ``TRIALS`` stand
+            for the tables of every hand.
     """
     return read_arrow(source, schema, made_by, schema.names).to_pandas(ignore_metadata=True)
 
@@ -283,6 +304,8 @@ def read_arrow(source: Path, schema: pa.Schema, made_by: str, columns: Sequence[
     try:
         check_size(source)
         file = pq.ParquetFile(source)
+        if any(schema.equals(one, check_metadata=True) for one in (MERGED, TRIALS)):
+            schema = as_of_hand(schema, file.schema_arrow)
         written, wanted = hand_of_schema(file.schema_arrow), hand_of_schema(schema)
         if written != wanted:
             raise UserError(

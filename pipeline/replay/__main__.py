@@ -20,7 +20,6 @@ from pipeline.evaluate.recorder import Recorder
 from pipeline.evaluate.rerun import EXAMPLE, TrialName, differences, drawn_trials, known_trials, run_again, trial_name
 from pipeline.hand.model import load_hand
 from pipeline.pictures.film import FORMATS, Film, write_video
-from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters import read_parameters
 from pipeline.records.recordings import About, Recording, read_recording, write_recording
 from pipeline.replay.renderers import RENDERERS
@@ -53,7 +52,7 @@ def recording_file(name: TrialName) -> Path:
 def replay(name: TrialName) -> tuple[Recording, int]:
     """Run one trial, say how it went, record it; return the recording and the exit code."""
     recorder = Recorder()
-    inputs, row, differing = run_again(name, load_hand(ALLEGRO), recorder)
+    inputs, row, differing = run_again(name, load_hand(read_parameters().hand), recorder)
     outcome = "success" if row["success"] else f"failed: {row['reason']}"
     verdict = "the same outcome, to the last bit, as in" if not differing else "ANOTHER outcome than in"
     print(f"{name}: {verdict} {name.table} ({outcome}, {row['steps']} steps of physics)")
@@ -77,7 +76,9 @@ def check(count: int, draw: int) -> int:
 
     known = known_trials()
     chosen = drawn_trials(known, count, draw)
-    found = fan_out(partial(differences, load_hand(ALLEGRO)), chosen, read_parameters().compute.workers, "trials again")
+    parameters = read_parameters()
+    again = partial(differences, load_hand(parameters.hand))
+    found = fan_out(again, chosen, parameters.compute.workers, "trials again")
     for name, differing in zip(chosen, found, strict=True):
         print(f"{name}: {'differs in ' + ', '.join(differing) if differing else 'same'}")
     wrong = sum(bool(differing) for differing in found)
@@ -89,7 +90,7 @@ def check(count: int, draw: int) -> int:
 
 def show(recording: Recording, how: Showing) -> None:
     """Write the video, or play in a browser."""
-    hand = load_hand(ALLEGRO)
+    hand = load_hand(read_parameters().hand)
     if how.video:
         count = write_video(how.video, recording, hand, how.film, RENDERERS[how.renderer])
         print(f"{how.video}: {count} pictures, {how.film.rate:g} per second")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline.records import paths
-from pipeline.records.parameters import read_parameters, require_allegro
+from pipeline.records.parameters import read_parameters, require_picks
 from pipeline.records.writing import whole_file, whole_folder, write_json
 from pipeline.stages.running import run_stage
 
@@ -18,10 +18,14 @@ if TYPE_CHECKING:
 def work() -> None:
     """Read every table, count, draw, and write the page, the figures, the card, the summary and the pairs."""
     parameters = read_parameters().with_assets()
-    require_allegro(parameters)
+    require_picks(parameters)
+    from pipeline.hand.model import load_hand
+    from pipeline.hand.robot import require_arm
+
+    hand = load_hand(parameters.hand)
+    require_arm(hand)
     from plotly.offline import get_plotlyjs
 
-    from pipeline.hand.model import load_hand
     from pipeline.records.tables import write_table
     from pipeline.report.content import page_content
     from pipeline.report.counting import count_all
@@ -30,7 +34,6 @@ def work() -> None:
     from pipeline.report.page import build_page
     from pipeline.report.pairs_table import PAIRS, pairs_table
 
-    hand = load_hand(parameters.hand)
     partners = {first: seconds for first, seconds in parameters.partners().items() if seconds}
     tried = parameters.tried_partners()
     reconstructed = {first: tuple(item.side) for first, item in parameters.reconstructed.items()}

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
 from pipeline.records.digests import digest, file_digest, folder_digest, hand_digest, prepared_digest
-from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters import load_with_workers, second_objects, tried_sequences
 from pipeline.records.parameters.names import require_name
 from pipeline.stages.code import own_fingerprint
@@ -26,6 +25,7 @@ from pipeline.stages.running import run_stage
 
 if TYPE_CHECKING:
     import pandas as pd
+    import pyarrow as pa
 
     from pipeline.compute.pool import Work
     from pipeline.hand.model import Hand
@@ -38,7 +38,7 @@ def sections(source: str = "learned") -> list[str]:
     """Return the sections of ``params.yaml`` that ``sample@<source>`` depends on."""
     synthesis = ["synthesize.energy", "synthesize.pinch", "synthesize.side"]
     pairs = ["reconstructed"] if source == paths.RECONSTRUCTED else ["styles", "pairs"]
-    return ["seed", *pairs, "picks", "train.sampling", *synthesis, "merge", "physics", "validate", "robustness"]
+    return ["hand", "seed", *pairs, "picks", "train.sampling", *synthesis, "merge", "physics", "validate", "robustness"]
 
 
 def sample(source: str, only: str) -> None:
@@ -56,13 +56,14 @@ def sample(source: str, only: str) -> None:
 
     from pipeline.compute.shared import Shared
     from pipeline.hand.model import load_hand
-    from pipeline.records.tables import MERGED
+    from pipeline.records.tables import MERGED, of_hand
     from pipeline.sample.proposals import Model, request_of, sampling, trained_for
     from pipeline.stages.seeds import item_seed
 
-    hand = load_hand(ALLEGRO)
+    hand = load_hand(parameters["hand"])
     checkpoint = trained_for(hand)
-    output = TablesWithFigures(paths.sampled_file(source, "").parent, MERGED, ("objects",))
+    schema = of_hand(MERGED, hand.name, hand.joint_count)
+    output = TablesWithFigures(paths.sampled_file(source, "").parent, schema, ("objects",))
     stage = Stage(f"sample@{source}", "pairs", output)
 
     with Shared(Model(checkpoint)) as model:
@@ -74,7 +75,7 @@ def sample(source: str, only: str) -> None:
             points = (objects[0].surface_points, objects[1].surface_points)
             table, drawn, figures = yield from sampling(model, request_of(parameters, hand, objects, points, seed))
             if source != paths.RECONSTRUCTED:
-                merged = _merged(first, second)
+                merged = _merged(hand, first, second)
                 known = {"trained": (first, second) in checkpoint.pairs, "held_out": {}, "held_out_by_training": {}}
                 figures |= known if merged is None else _against_known(checkpoint, hand, (first, second), merged, drawn)
             keep(key, (output.rows(table), figures))
@@ -88,7 +89,8 @@ def sample(source: str, only: str) -> None:
         files = [file_digest(paths.MODEL_FOLDER / name, "train") for name in ("model.json", "model.safetensors")]
         common = digest(own_fingerprint("sample"), source, values, files, hand_digest(hand.name))
         fingerprints, refused = fingerprints_of(
-            ["/".join(key) for key in keys], lambda key: digest(common, key.split("/"), seen.digest(*key.split("/")))
+            ["/".join(key) for key in keys],
+            lambda key: digest(common, key.split("/"), seen.digest(hand, *key.split("/"))),
         )
         make_items(stage, fingerprints, one_by_one(work), workers, refused)
 
@@ -107,13 +109,12 @@ class _Prepared:
 
         return kept_object(first), kept_object(second)
 
-    def digest(self, first: str, second: str) -> str:
+    def digest(self, hand: Hand, first: str, second: str) -> str:
         """Return the digest of what the grasps of a pair depend on."""
-        from pipeline.records.flat import PAIR_GRASPS
         from pipeline.records.tables import arrow_table
 
-        merged = _merged(first, second)
-        known = None if merged is None else arrow_table(merged, PAIR_GRASPS)
+        merged = _merged(hand, first, second)
+        known = None if merged is None else arrow_table(merged, _pair_grasps(hand))
         return digest(prepared_digest(first), prepared_digest(second), known)
 
 
@@ -133,8 +134,8 @@ class _Reconstructions:
         capture = self._captures[first]
         return _reconstructed(capture, first), _reconstructed(capture, second)
 
-    def digest(self, first: str, second: str) -> str:
-        """Return the digest of what the grasps of a pair depend on."""
+    def digest(self, hand: Hand, first: str, second: str) -> str:
+        """Return the digest of what the grasps of a pair depend on, but for the hand."""
         folder = paths.reconstruction_folder(self._captures[first]) / "objects"
         return digest([folder_digest(folder / name, "reconstruct") for name in (first, second)])
 
@@ -147,17 +148,24 @@ def _reconstructed(capture: str, name: str) -> PreparedObject:
     return object_of_reconstruction(load_reconstructed_object(capture, name))
 
 
-def _merged(first: str, second: str) -> pd.DataFrame | None:
+def _pair_grasps(hand: Hand) -> pa.Schema:
+    from pipeline.records.flat import PAIR_GRASPS
+    from pipeline.records.tables import of_hand
+
+    return of_hand(PAIR_GRASPS, hand.name, hand.joint_count)
+
+
+def _merged(hand: Hand, first: str, second: str) -> pd.DataFrame | None:
     """Return the merged grasps of a pair, with a column per object; None where there is no table.
 
     They serve a figure of quality alone, which is left out then.
     """
-    from pipeline.records.flat import PAIR_GRASPS, pair_rows
+    from pipeline.records.flat import pair_rows
     from pipeline.records.kept import kept_table
 
     if not paths.merged_file(first).exists():
         return None
-    return pair_rows(kept_table(paths.merged_file(first), PAIR_GRASPS, "merge"), second)
+    return pair_rows(kept_table(paths.merged_file(first), _pair_grasps(hand), "merge"), second)
 
 
 def _against_known(

@@ -66,10 +66,10 @@ def trained_for(hand: Hand) -> Checkpoint:
     """
     checkpoint = read_checkpoint(paths.MODEL_FOLDER)
     trained, wanted = len(checkpoint.normalisation.mean), dimensions(len(STYLES), hand)
-    if trained != wanted:
+    if checkpoint.hand != hand.name or trained != wanted:
         raise UserError(
-            f"{paths.MODEL_FOLDER} knows grasps of {trained} numbers, those of the hand {hand.name} have {wanted}; run "
-            "`dvc repro train` to make it for this hand."
+            f"{paths.MODEL_FOLDER} knows grasps of {trained} numbers of the hand {checkpoint.hand}, those of the hand "
+            f"{hand.name} have {wanted}; run `dvc repro train` to make it for this hand."
         )
     return checkpoint
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from pipeline.records import paths
 from pipeline.records.errors import UserError
-from pipeline.records.parameters import read_parameters, require_allegro
+from pipeline.records.parameters import read_parameters, require_picks
 from pipeline.records.writing import whole_file, write_json
 from pipeline.stages.running import command, run_stage
 from pipeline.stages.unfinished import remove_finished
@@ -35,7 +35,7 @@ def read_file(source: Path, parse: Callable[[str], Any], mend: str) -> Any:
 def work() -> None:
     """Read the summary, the parameters and ``dvc.lock``, and record them."""
     parameters = read_parameters()
-    require_allegro(parameters)
+    require_picks(parameters)
     from pipeline.track.files import curve_of_csv, mapping_of_json, mapping_of_yaml
     from pipeline.track.lock import COMPUTE, flatten, locked_stages, stage_names
     from pipeline.track.origin import origin_tags, record_root, run_name

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
 from pipeline.records.digests import digest, hand_digest
-from pipeline.records.hands import ALLEGRO
 from pipeline.records.parameters import chosen_sequences, load_parameters, second_objects
 from pipeline.records.parameters.train import TrainingParameters
 from pipeline.stages.code import own_fingerprint
@@ -26,7 +25,7 @@ STAGE = Stage("train", "models", Folders(paths.MODEL_FOLDER))
 def sections() -> list[str]:
     """Return the sections of ``params.yaml`` that the stage depends on."""
     parts = ["data", "encoder", "denoiser", "diffusion", "optimization"]
-    return ["seed", "styles", "pairs", "picks", *(f"train.{part}" for part in parts)]
+    return ["hand", "seed", "styles", "pairs", "picks", *(f"train.{part}" for part in parts)]
 
 
 def train_model() -> None:
@@ -44,9 +43,11 @@ def train_model() -> None:
     from pipeline.model.checkpoint import write_checkpoint
     from pipeline.records.flat import PAIR_GRASPS, pair_rows, read_flat
     from pipeline.records.objects import load_prepared_object
+    from pipeline.records.tables import of_hand
     from pipeline.train.data import gather_examples, held_out_objects
     from pipeline.train.training import train, training_identity
 
+    hand = load_hand(parameters["hand"])
     tables: dict[tuple[str, str], Any] = {}
     pairs = second_objects(chosen_sequences(parameters))
     unseen = held_out_objects({name for first, own in pairs.items() for name in (first, *own)}, data, seed)
@@ -54,13 +55,12 @@ def train_model() -> None:
         learned = [second for second in seconds if second not in unseen]
         if first in unseen or not learned:
             continue
-        merged = read_flat(paths.merged_file(first), PAIR_GRASPS, "merge")
+        merged = read_flat(paths.merged_file(first), of_hand(PAIR_GRASPS, hand.name, hand.joint_count), "merge")
         tables |= {(first, second): pair_rows(merged, second) for second in learned}
     objects = {name: load_prepared_object(name) for name in dict.fromkeys(name for pair in tables for name in pair)}
     settings = {name.partition(".")[2]: value for name, value in parameters.items() if name.startswith("train.")}
     training = TrainingParameters(**settings)
     examples = gather_examples(tables, objects, data, settings["encoder"], seed)
-    hand = load_hand(ALLEGRO)
     code = digest(own_fingerprint("train"), hand_digest(hand.name))
 
     if all_wanted():

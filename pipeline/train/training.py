@@ -181,6 +181,7 @@ def train(
     trained = tuple(examples.pairs[index] for index in sorted(set(examples.pair[source.rows].tolist())))
     weights = {name: value.cpu() for name, value in average.state_dict().items()}
     checkpoint = Checkpoint(
+        hand=hand.name,
         encoder=settings.encoder,
         denoiser=settings.denoiser,
         diffusion=settings.diffusion,

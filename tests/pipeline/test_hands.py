@@ -10,6 +10,8 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
+from pipeline.hand.model import load_hand
+from pipeline.hand.robot import require_arm
 from pipeline.records.errors import UserError
 from pipeline.records.hands import known_hands
 from pipeline.records.parameters import load_parameters, read_parameters
@@ -72,12 +74,18 @@ def test_an_unknown_hand_is_answered_with_the_known_ones(project):
 
 
 @pytest.mark.parametrize("stage", AFTER_VALIDATION, ids=lambda stage: stage.name)
-def test_what_needs_the_allegro_says_so_before_any_work(with_dclaw, stage):
-    with pytest.raises(UserError, match="hand is dclaw.* requires the allegro"):
+def test_what_needs_a_hand_that_carries_out_all_picks_says_so_before_any_work(with_dclaw, stage):
+    with pytest.raises(UserError, match="the hand dclaw has no side grasps"):
         import_module(stage.module).work() if stage.reads_everything else load_parameters(stage.sections())
 
 
-def test_single_grasps_do_not_need_the_allegro(with_dclaw):
+def test_a_hand_on_no_arm_has_no_trials() -> None:
+    require_arm(load_hand("allegro"))
+    with pytest.raises(UserError, match="the hand dclaw is on no arm.*hands/dclaw/hand.yaml"):
+        require_arm(load_hand("dclaw"))
+
+
+def test_single_grasps_need_no_second_style(with_dclaw):
     for stage in declared_stages(ROOT):
         if stage.room in ("synthesize", "validate", "prepare"):
             assert load_parameters(stage.sections()).get("hand", "dclaw") == "dclaw"
@@ -85,7 +93,7 @@ def test_single_grasps_do_not_need_the_allegro(with_dclaw):
 
 def test_everything_is_refused_where_it_begins(with_dclaw, capsys):
     assert scales.main(["check", "--everything"]) == 2
-    assert capsys.readouterr().err.startswith("scales: params.yaml: hand is dclaw")
+    assert capsys.readouterr().err.startswith("scales: params.yaml: the hand dclaw has no side grasps")
 
 
 @pytest.mark.parametrize(

@@ -185,11 +185,11 @@ def test_one_changed_bit_is_another_outcome(project: Path, capsys) -> None:
 
 def test_every_bit_counts() -> None:
     row = dict.fromkeys(TRIALS.names) | {"heights": [0.0], "offsets": [np.zeros(3)], "snapshot_poses": [[np.zeros(7)]]}
-    assert differing_columns(row, row | {"heights": [-0.0]}) == ["heights"]
-    assert differing_columns(row, row | {"offsets": [np.array([0.0, 5e-324, 0.0])]}) == ["offsets"]
-    assert differing_columns(row, row | {"snapshot_poses": [[np.zeros(7)] * 2]}) == ["snapshot_poses"]
+    assert differing_columns(row, row | {"heights": [-0.0]}, HAND) == ["heights"]
+    assert differing_columns(row, row | {"offsets": [np.array([0.0, 5e-324, 0.0])]}, HAND) == ["offsets"]
+    assert differing_columns(row, row | {"snapshot_poses": [[np.zeros(7)] * 2]}, HAND) == ["snapshot_poses"]
     nan = row | {"heights": [np.nan]}
-    assert differing_columns(nan, dict(nan)) == []
+    assert differing_columns(nan, dict(nan), HAND) == []
 
 
 def alter(change: str, grasp_row: dict) -> None:

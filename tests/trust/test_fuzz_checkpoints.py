@@ -26,7 +26,9 @@ def sound(tmp_path_factory) -> Path:
     weights = GraspModel(encoder, denoiser, 34).state_dict()
     folder = tmp_path_factory.mktemp("checkpoint") / "train"
     normalisation = Normalisation(np.zeros(34), np.ones(34))
-    checkpoint = Checkpoint(encoder, denoiser, DiffusionParameters(), normalisation, (("a", "b"),), {}, weights)
+    checkpoint = Checkpoint(
+        "allegro", encoder, denoiser, DiffusionParameters(), normalisation, (("a", "b"),), {}, weights
+    )
     write_checkpoint(folder, checkpoint, [{"step": 1.0, "training_loss": 1.0}])
     read_checkpoint(folder)
     return folder

@@ -23,7 +23,7 @@ from pydantic import Field, ValidationError, model_validator
 from pipeline.records import paths
 from pipeline.records.catalogue import read_catalogue, styles_of_assets
 from pipeline.records.errors import UserError, first_mistake
-from pipeline.records.hands import ALLEGRO, description_file
+from pipeline.records.hands import description_file
 from pipeline.records.parameters.capture import CaptureParameters, ReconstructedParameters, RenderingParameters
 from pipeline.records.parameters.compute import ComputeParameters
 from pipeline.records.parameters.conditions import ConditionsParameters, under
@@ -47,8 +47,8 @@ from pipeline.records.texts import parse_yaml
 
 # What the members of a section are, where they are not objects.
 _KINDS = {"conditions": "condition", "assets": "source"}
-# A stage that reads one of these handles two objects, the arm or the learned model.
-_OF_THE_ALLEGRO = ("merge", "train", "evaluate", "conditions", "report")
+# A stage that reads one of these needs a hand that carries out all picks.
+_OF_SEQUENCES = ("merge", "train", "evaluate", "conditions")
 OBJECT_NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
@@ -201,9 +201,11 @@ class Parameters(Section):
                             f"{where}.{field}: {finger!r} is not a finger of the hand {self.hand}; use "
                             f"{', '.join(hand.fingers)}"
                         )
-            if self.hand != ALLEGRO and style.keep_out_margin is not None:
+            unknown = [finger for finger, own in hand.fingers.items() if own.joints and own.holding is None]
+            if style.keep_out_margin is not None and unknown:
                 raise ValueError(
-                    f"{where}.keep_out_margin reserves space for a second object of the Allegro; set it to null"
+                    f"{where}.keep_out_margin leaves space for fingers that hold another object, and the hand "
+                    f"{self.hand} does not say how {unknown[0]} holds one; set it to null, or describe `holding`"
                 )
             if hand.mount is None and style.mount_clearance is not None:
                 raise ValueError(f"{where}.mount_clearance: the hand {self.hand} has no mount; set it to null")
@@ -248,8 +250,6 @@ class Parameters(Section):
         Raises:
             ValueError: they do not agree.
         """
-        if self.hand != ALLEGRO:  # then nothing reads them, and a composed file keeps those of its scale
-            return
         known = set(self.sequences())
         for names in self.conditions.pairs:
             if names not in known:
@@ -365,8 +365,8 @@ def load_with_workers(
     parameters = read_parameters(source)
     if any(name.split(".")[0] in ("styles", "conditions") for name in sections):
         parameters = parameters.with_assets()
-    if any(name.split(".")[0] in _OF_THE_ALLEGRO for name in sections):
-        require_allegro(parameters, source)
+    if any(name.split(".")[0] in _OF_SEQUENCES for name in sections):
+        require_picks(parameters, source)
     if any(name.split(".")[0] == "conditions" for name in sections):
         require_conditions(parameters, source)
     return {name: _section(parameters, name, source) for name in sections}, parameters.compute
@@ -423,18 +423,19 @@ def second_objects(sequences: Sequence[tuple[str, ...]]) -> dict[str, tuple[str,
     return {name: tuple(seconds) for name, seconds in found.items()}
 
 
-def require_allegro(parameters: Parameters, source: Path = paths.PARAMETERS_FILE) -> None:
-    """Check that the hand is the Allegro, the only one that picks two objects.
+def require_picks(parameters: Parameters, source: Path = paths.PARAMETERS_FILE) -> None:
+    """Check that the hand grasps in the styles of all picks.
 
     Raises:
-        UserError: it is another hand.
+        UserError: it does not.
     """
-    if parameters.hand != ALLEGRO:
-        raise UserError(
-            f"{source}: hand is {parameters.hand}, but everything after validation (two objects, the arm, the learned "
-            f"model, the report) requires the {ALLEGRO}; run `./dev repro validate@pinch` for single-object grasps of "
-            f"this hand, or `./dev compose demo` to return to the {ALLEGRO}."
-        )
+    for style in dict.fromkeys(pick.style for pick in parameters.picks):
+        if not getattr(parameters.synthesize, style).finger_sets:
+            raise UserError(
+                f"{source}: the hand {parameters.hand} has no {style} grasps (synthesize.{style}.finger_sets is "
+                "empty), so that it cannot carry out `picks`; run `./dev repro validate@pinch` for grasps of single "
+                "objects, or choose another hand."
+            )
 
 
 def require_conditions(parameters: Parameters, source: Path = paths.PARAMETERS_FILE) -> None:
