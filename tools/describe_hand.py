@@ -36,6 +36,7 @@ from tools.hand_guesses import (
     opposing,
     overlapping_pairs,
 )
+from tools.mount_guess import guessed_mount
 from tools.palm_press import PalmFace, Press, Stretched, facing, palm_contacts, presser, presses, sampled, stretched
 
 DENSITY = 1000.0  # kg/m3
@@ -199,6 +200,7 @@ def completed(content: dict[str, Any], hand: Hand, guesses: Guesses, urdf: Urdf)
         fingers[finger] |= {"holding": holding[finger]} if finger in holding else {}
     if guesses.press is not None:
         contacts = palm_contacts(hand, guesses.face) | contacts
+    mount, touching = guessed_mount(hand, guesses.face)
     return content | {
         "fingers": fingers,
         "opposing": [*guesses.opposing, *([PALM] if guesses.press is not None else [])],
@@ -208,7 +210,8 @@ def completed(content: dict[str, Any], hand: Hand, guesses: Guesses, urdf: Urdf)
             for link, (points, normals) in contacts.items()
         },
         "may_overlap": [list(pair) for pair in pairs],
-        "never_meeting": groups(pairs),
+        "never_meeting": [touching, *groups(pairs)],
+        "mount": mount,
         "styles": _styles(content, hand, guesses),
     }
 
@@ -225,7 +228,8 @@ COMMENTS = {
     "tips": "GUESS: the last links.",
     "contacts": "GUESS: points of a finger's last three links that face what is held, and the flat of the palm.",
     "may_overlap": "Shapes that overlap in nearly all of 30 random postures.",
-    "never_meeting": "The same pairs: physics leaves them out.",
+    "never_meeting": "The same pairs, and what touches the mount: physics leaves them out.",
+    "mount": "GUESS: a block on the flange of the Panda; the palm faces the way of its z, the fingers point to -y.",
     "styles": "GUESS pinch: the hand looks down, and `posture` has the tips about a ball of 60 mm radius. "
     "GUESS side: the hand lies on its side, and one finger presses a cylinder of 30 mm radius against the palm.",
 }

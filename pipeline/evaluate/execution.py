@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.evaluate.disturbance import TrialDisturbance, believed_pose
-from pipeline.evaluate.scene import START_ARM, START_HAND, Scene
+from pipeline.evaluate.scene import START_ARM, Scene
 from pipeline.evaluate.sequence import Phase, Posture
 from pipeline.records.ordinals import ORDINALS
 from pipeline.records.parameters.evaluate import EvaluateParameters
@@ -39,7 +39,7 @@ class Run:
     scene: Scene
     settings: EvaluateParameters
     rest: list[NDArray[np.float64]]  # settled T_world_object of the objects, in the order of picking
-    posture: Posture = field(default_factory=lambda: Posture(START_ARM.copy(), START_HAND.copy()))  # last targets
+    posture: Posture = field(init=False)  # last targets
     held_poses: list[NDArray[np.float64]] = field(default_factory=list)  # T_hand_object before the current pick
     steps: int = 0
     phase: str = "settle"
@@ -52,6 +52,7 @@ class Run:
     _late: deque[tuple[Any, Any]] = field(default_factory=deque)  # targets and their velocities on their way
 
     def __post_init__(self) -> None:
+        self.posture = Posture(START_ARM.copy(), self.scene.hand.start.copy())
         self.heights, self.pushes = np.zeros(self.count), np.zeros(self.count)
 
     @property

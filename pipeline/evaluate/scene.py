@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 # Palm down 0.45 m over the table, between the objects. Paper's code: the same at 0.30 m, where a finger that opens hits
 # an object of 10 cm.
 START_ARM = np.array([-0.1477, -0.6262, 0.1268, -2.5457, 0.0791, 1.9223, 1.4988])  # rad
-START_HAND = np.array([0.0, 0.7, 0.0, 0.4] * 3 + [1.0, 0.0, 0.0, 0.0])  # rad. Paper's code.
 
 
 @dataclass(frozen=True)
@@ -147,7 +146,7 @@ def build_scene(
         disturbance: what changes ``physics`` and the objects' masses.
     """
     world = make_world(disturbance.physics(physics) if disturbance else physics)
-    robot = world.add_arm(hand, np.concatenate([START_ARM, START_HAND]))
+    robot = world.add_arm(hand, np.concatenate([START_ARM, hand.start]))
     sponge = np.array([SPONGE_SIZE, SPONGE_SIZE, settings.sponge_height])
     world.add_box(np.array(TABLE_SIZE) / 2, _centred(TABLE_X, -TABLE_SIZE[2] / 2), "table")
     world.add_box(sponge / 2, _centred(SPONGE_X, sponge[2] / 2), "sponge")

@@ -82,6 +82,7 @@ class Hand:
     may_overlap: tuple[tuple[str, str], ...]
     never_meeting: tuple[tuple[str, ...], ...]
     mount: Mount | None  # between it and the flange of the Panda; None: nothing is modelled behind it
+    start: NDArray[np.float64]  # (J,) rad, in which trials begin
     styles: Mapping[str, HandStyle] = field(repr=False)
 
     def __reduce__(self) -> tuple[Callable[[Path], Hand], tuple[Path]]:
@@ -183,6 +184,7 @@ def _hand(file: Path, description: HandDescription) -> Hand:
         may_overlap=tuple(description.may_overlap),
         never_meeting=tuple(tuple(group) for group in description.never_meeting),
         mount=None if description.mount is None else Mount(description.mount),
+        start=np.array(description.start or next(iter(description.styles.values())).posture, dtype=np.float64),
         styles={str(name): style for name, style in description.styles.items()},
     )
 

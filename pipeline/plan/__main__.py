@@ -101,7 +101,7 @@ def plan(choice: Choice, places: Places, output: Path, dry_run: bool, fr3: bool 
         _captured(names, places, settings) if places.capture else _placed(names, places, parameters["picks"], settings)
     )
     rng = item_generator(parameters["seed"], "plan", *names, grasp.merged_id)
-    waypoints = waypoints_of(propose(table, grasp, hand, settings, rng), settings.control_frequency)
+    waypoints = waypoints_of(propose(table, grasp, hand, settings, rng), hand, settings.control_frequency)
     checks = check_limits(hand, waypoints, squeeze_torque(grasp, physics)) + (check_fr3(waypoints) if fr3 else [])
     for name in ("plan.csv", "playback.json", "playback.png"):  # of an earlier plan
         (output / name).unlink(missing_ok=True)

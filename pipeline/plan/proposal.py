@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.evaluate.grasps import SequenceGrasp
-from pipeline.evaluate.scene import START_ARM, START_HAND, object_obstacle
+from pipeline.evaluate.scene import START_ARM, object_obstacle
 from pipeline.evaluate.sequence import Phase, Posture, Surroundings, pick_phases, plan_all
 from pipeline.hand.model import Hand
 from pipeline.hand.robot import ARM_JOINT_NAMES, robot_joint_names
@@ -61,7 +61,7 @@ def propose(
             raise UserError(f"{names} would stand in each other; place them apart.")
     count = len(table.objects)
     around = Surroundings(tuple(obstacles[:count]), tuple(obstacles[count:]))
-    start = Posture(START_ARM, START_HAND)
+    start = Posture(START_ARM, hand.start)
     picks = plan_all(grasp, hand, around, start, settings, rng)
     if len(picks) < count:
         raise UserError(
@@ -74,9 +74,9 @@ def propose(
     return phases
 
 
-def waypoints_of(phases: Sequence[Phase], frequency: int) -> Waypoints:
+def waypoints_of(phases: Sequence[Phase], hand: Hand, frequency: int) -> Waypoints:
     """Return the phases as one series that begins with the start posture at time 0."""
-    start = np.concatenate([START_ARM, START_HAND])[None]
+    start = np.concatenate([START_ARM, hand.start])[None]
     q = np.concatenate([start, *(np.concatenate([phase.arm, phase.hand], axis=1) for phase in phases)])
     names = [HOME, *(phase.name for phase in phases for _ in phase.arm)]
     velocity = np.concatenate([np.zeros((1, 7)), *(phase.arm_velocity for phase in phases)])

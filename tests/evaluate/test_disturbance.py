@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.evaluate.disturbance import TrialDisturbance, believed_pose, draw
 from pipeline.evaluate.execution import Run
-from pipeline.evaluate.scene import START_ARM, START_HAND, build_scene, placed, placement_offsets
+from pipeline.evaluate.scene import START_ARM, build_scene, placed, placement_offsets
 from pipeline.evaluate.sequence import Phase, rest_phase
 from pipeline.evaluate.trial import TrialInput, run_trial
 from pipeline.records.parameters.conditions import DistributionParameters
@@ -25,7 +25,7 @@ from tests.evaluate.conftest import HAND
 from tests.pairs import PAIR
 
 RANGES = DistributionParameters()
-JOINTS = len(START_ARM) + len(START_HAND)
+JOINTS = len(START_ARM) + len(HAND.start)
 
 
 def draws(count: int, ranges: DistributionParameters = RANGES) -> list[TrialDisturbance]:
@@ -132,8 +132,8 @@ def test_targets_arrive_as_late_as_drawn_and_less_the_joint_errors(objects, monk
     sent: list[np.ndarray] = []
     monkeypatch.setattr(type(run.scene.robot), "set_targets", lambda robot, q, velocity=None: sent.append(np.array(q)))
     arm = START_ARM + 0.01 * np.arange(1, 6)[:, None]
-    run.settle(Phase("settle", arm, np.zeros_like(arm), np.tile(START_HAND, (5, 1))))
-    np.testing.assert_allclose(sent, np.concatenate([arm[:3], np.tile(START_HAND, (3, 1))], axis=1) - errors)
+    run.settle(Phase("settle", arm, np.zeros_like(arm), np.tile(HAND.start, (5, 1))))
+    np.testing.assert_allclose(sent, np.concatenate([arm[:3], np.tile(HAND.start, (3, 1))], axis=1) - errors)
     measured = run.measured_posture()
     np.testing.assert_allclose(measured.hand, run.scene.robot.q[7:] + errors[7:])
     np.testing.assert_array_equal(measured.arm, arm[-1])

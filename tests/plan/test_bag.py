@@ -12,7 +12,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
-from pipeline.evaluate.scene import START_ARM, START_HAND
+from pipeline.evaluate.scene import START_ARM
 from pipeline.hand.robot import robot_joint_names
 from pipeline.motion.arm_model import ArmModel
 from pipeline.plan.bag import KINDS, START, main
@@ -29,7 +29,7 @@ PHASES = ("approach first", "close first", "lift first", "close second", "lift s
 @pytest.fixture(scope="module")
 def content() -> dict:
     """Thirteen way-points in which the arm turns about its base from the third phase on."""
-    q = np.tile(np.concatenate([START_ARM, START_HAND]), (13, 1))
+    q = np.tile(np.concatenate([START_ARM, HAND.start]), (13, 1))
     q[5:, 0] += np.linspace(0, 0.35, 8)
     names = ["home", *(name for name in PHASES for _ in range(2))]
     T = np.eye(4)

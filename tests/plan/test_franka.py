@@ -11,9 +11,10 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
-from pipeline.evaluate.scene import START_ARM, START_HAND
+from pipeline.evaluate.scene import START_ARM
 from pipeline.plan.fr3 import check_fr3
 from pipeline.plan.limits import Waypoints
+from tests.evaluate.conftest import HAND
 
 CLIENT = Path(__file__).with_name("franka_client.py")
 WITH = ["--with", "franky-sim==1.0.4", "--with", "franky-control==2.0.0"]
@@ -33,7 +34,7 @@ def waypoints() -> Waypoints:
     way = np.array([0.4, 0.2, -0.3, 0.3, 0.2, -0.2, 0.4])
     progress = np.concatenate([move, np.ones(25), 1 - move[1:] / 2])
     rate = np.concatenate([speed, np.zeros(25), -speed[1:] / 2])
-    q = np.concatenate([START_ARM + progress[:, None] * way, np.tile(START_HAND, (len(progress), 1))], axis=1)
+    q = np.concatenate([START_ARM + progress[:, None] * way, np.tile(HAND.start, (len(progress), 1))], axis=1)
     phases = ("home", *["out"] * 50, *["rest"] * 25, *["back"] * 50)
     return Waypoints(STEP * np.arange(len(q)), phases, q, rate[:, None] * way)
 

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from pipeline.evaluate.scene import START_ARM, START_HAND, placed
+from pipeline.evaluate.scene import START_ARM, placed
 from pipeline.evaluate.sequence import Phase
 from pipeline.hand.robot import robot_joint_names
 from pipeline.motion.arm_model import ARM_ACCELERATION, ArmModel
@@ -49,12 +49,12 @@ def phases(standing: Table, grasp) -> list[Phase]:
 
 @pytest.fixture(scope="module")
 def waypoints(phases) -> Waypoints:
-    return waypoints_of(phases, SETTINGS.control_frequency)
+    return waypoints_of(phases, HAND, SETTINGS.control_frequency)
 
 
 def resting(count: int = 5) -> Waypoints:
     """A robot that stays at its start posture, 0.1 s between way-points."""
-    q = np.tile(np.concatenate([START_ARM, START_HAND]), (count, 1))
+    q = np.tile(np.concatenate([START_ARM, HAND.start]), (count, 1))
     return Waypoints(0.1 * np.arange(count), ("home", *["test"] * (count - 1)), q, np.zeros((count, 7)))
 
 
@@ -65,7 +65,7 @@ def failed(waypoints: Waypoints, torque: np.ndarray = PASSING) -> dict[str, str]
 def test_phases_come_in_order_and_join(phases: list[Phase], waypoints: Waypoints) -> None:
     assert [phase.name for phase in phases] == [*ORDER, "hold"]
     assert waypoints.phases[0] == "home" and len(waypoints.times) == 1 + sum(len(phase.arm) for phase in phases)
-    np.testing.assert_array_equal(waypoints.q[0], np.concatenate([START_ARM, START_HAND]))
+    np.testing.assert_array_equal(waypoints.q[0], np.concatenate([START_ARM, HAND.start]))
     np.testing.assert_allclose(np.diff(waypoints.times), 1 / SETTINGS.control_frequency)
     # nothing jumps: no joint moves farther between way-points than at its largest speed
     assert (np.abs(np.diff(waypoints.q[:, :7], axis=0)) * SETTINGS.control_frequency <= ARM_VELOCITY).all()
@@ -99,7 +99,7 @@ def test_recorded_grasp_keeps_all_limits(waypoints: Waypoints, grasp) -> None:
 
 
 def test_limits_of_the_arm_are_those_of_its_description() -> None:
-    arm = ArmModel(START_HAND, HAND)
+    arm = ArmModel(HAND.start, HAND)
     np.testing.assert_allclose(arm.lower, ARM_LOWER)
     np.testing.assert_allclose(arm.upper, ARM_UPPER)
     np.testing.assert_allclose(arm.velocity, ARM_VELOCITY)
@@ -203,7 +203,7 @@ def test_weight_of_fingers_against_the_change_of_potential_energy() -> None:
             configuration[model.joints[model.getJointId(name)].idx_q] = angle
         return float(pin.computePotentialEnergy(model, data, configuration))
 
-    q = np.concatenate([START_ARM, START_HAND + 0.1])
+    q = np.concatenate([START_ARM, HAND.start + 0.1])
     slopes = [(energy(q + 1e-4 * e) - energy(q - 1e-4 * e)) / 2e-4 for e in np.eye(23)[7:]]
     np.testing.assert_allclose(weight_torques(HAND, q[None])[0], slopes, atol=1e-6)
     assert 0.01 < np.abs(slopes).max() < 0.7

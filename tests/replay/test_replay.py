@@ -21,7 +21,7 @@ from pipeline.evaluate.conditions import evaluate as evaluate_series
 from pipeline.evaluate.film import write_film
 from pipeline.evaluate.recorder import Recorder
 from pipeline.evaluate.rerun import TrialName, differing_columns, drawn_trials, known_trials, trial_name
-from pipeline.evaluate.scene import START_ARM, START_HAND
+from pipeline.evaluate.scene import START_ARM
 from pipeline.evaluate.trial import run_trial
 from pipeline.hand.model import load_hand
 from pipeline.physics.sapien_bodies import SapienBody
@@ -544,4 +544,4 @@ def test_playing_advances_with_the_clock(evaluated: Path, replayed: Recording, m
 
 
 def test_start_of_the_recording_is_the_start_of_trials(replayed: Recording) -> None:
-    np.testing.assert_allclose(replayed.robot_q[0], np.concatenate([START_ARM, START_HAND]), atol=0.05)
+    np.testing.assert_allclose(replayed.robot_q[0], np.concatenate([START_ARM, HAND.start]), atol=0.05)

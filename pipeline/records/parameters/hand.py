@@ -275,6 +275,9 @@ class HandDescription(Section):
     mount: MountDescription | None = Field(
         None, description="Mount that carries the hand on the Panda arm; null: nothing is modelled behind the hand."
     )
+    start: list[float] | None = Field(
+        None, description="Posture in which robot trials begin, rad; that of the first style if omitted."
+    )
     styles: dict[Literal["pinch", "side"], HandStyle] = Field(
         min_length=1, description="Styles in which the hand can grasp."
     )
@@ -310,6 +313,8 @@ class HandDescription(Section):
 
     def _mistakes_of_styles(self) -> Iterator[str]:
         named = {"opposing": self.opposing}
+        if self.start is not None and len(self.start) != len(self.joints):
+            yield f"start needs {len(self.joints)} angles, one per joint"
         for name, style in self.styles.items():
             for field in ("fingers", "held", "waiting"):
                 named[f"styles.{name}.{field}"] = getattr(style, field)
