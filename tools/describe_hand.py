@@ -245,7 +245,7 @@ def text_of(content: dict[str, Any], question: str) -> str:
         lines += [f"# {COMMENTS[name]}"] if name in COMMENTS else []
         dumped = yaml.safe_dump(value, sort_keys=False, default_flow_style=None, width=116).removesuffix("...\n")
         body = indent(dumped.rstrip(), "  ")
-        in_block = isinstance(value, dict) and not dumped.startswith("{")
+        in_block = isinstance(value, dict | list) and not dumped.startswith(("{", "["))
         lines.append(f"{name}:\n{body}" if in_block else f"{name}: {body.lstrip()}")
     return "\n".join(lines) + "\n"
 
