@@ -27,6 +27,7 @@ from pipeline.records.parameters.hand import FINGER_NAME, PALM
 from tools.finger_tree import FingerTree, finger_tree, spreading_link
 from tools.hand_guesses import (
     HELD_RADIUS,
+    Held,
     Meeting,
     finger_bases,
     groups,
@@ -185,6 +186,13 @@ def _styles(content: dict[str, Any], hand: Hand, guesses: Guesses) -> dict[str, 
     return {"pinch": pinch | {"held": [press.finger], "waiting": [press.finger]}, "side": side}
 
 
+def held_by(guesses: Guesses) -> dict[str, Held]:
+    """Return what each finger holds: a ball between the tips, or a cylinder against the palm."""
+    press = guesses.press
+    ball = Held(guesses.found.q, guesses.found.centre, HELD_RADIUS)
+    return dict.fromkeys(guesses.straight, ball) | ({press.finger: press.held} if press else {})
+
+
 def solids_of(hand: Hand, urdf: Urdf) -> dict[str, list[Solid]]:
     """Return the convex solids that physics has for each link, link frame."""
     return {name: [Solid(solid(one)) for one in urdf.links[name].iter("collision")] for name in hand.link_names}
@@ -193,7 +201,7 @@ def solids_of(hand: Hand, urdf: Urdf) -> dict[str, list[Solid]]:
 def completed(content: dict[str, Any], hand: Hand, guesses: Guesses, urdf: Urdf) -> dict[str, Any]:
     """Return the description with what the kinematics say."""
     pairs, holding = overlapping_pairs(hand), _holding(hand, guesses)
-    contacts = inner_contacts(hand, guesses.found, solids_of(hand, urdf))
+    contacts = inner_contacts(hand, held_by(guesses), solids_of(hand, urdf))
     fingers = {name: dict(own) for name, own in content["fingers"].items()}
     for finger, own in guesses.straight.items():
         fingers[finger] |= {"straight": _numbers(own.angles)}

@@ -54,6 +54,21 @@ class Meeting:
     miss: float  # m, how far tips are from the ball's surface, root mean square
 
 
+@dataclass(frozen=True)
+class Held:
+    """A ball, or a cylinder without end, and a posture in which fingers hold it."""
+
+    q: NDArray[np.float64]  # (J,) rad
+    centre: NDArray[np.float64]  # (3,) m, hand frame
+    radius: float  # m
+    axis: NDArray[np.float64] | None = None  # (3,) unit, of the cylinder
+
+    def towards(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the ways (n, 3) from points (n, 3) to the middle of the ball, or to the axis; hand frame."""
+        ways = self.centre - points
+        return ways if self.axis is None else ways - (ways @ self.axis)[:, None] * self.axis
+
+
 def tip_points(hand: Hand) -> dict[str, tuple[int, NDArray[np.float64]]]:
     """Return, by finger, its last link and the middle of that link's farthest shape, link frame."""
     found = {}
@@ -215,31 +230,30 @@ def _odd_one(units: NDArray[np.float64]) -> int | None:
 
 
 def inner_contacts(
-    hand: Hand, found: Meeting, solids: Mapping[str, Sequence[Solid]]
+    hand: Hand, held: Mapping[str, Held], solids: Mapping[str, Sequence[Solid]]
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Return contact candidates by link, points and normals (n, 3), link frame: what is near the ball and faces it.
+    """Return contact candidates by link, points and normals (n, 3), link frame: what is near what is held and faces it.
 
     Args:
+        held: what each finger holds.
         solids: convex ones of each link, which physics has in the place of its shapes, link frame.
     """
     owner, local = hand_surface(4000, hand)
-    T = link_poses(hand, found.q[None])[0]
     contacts = {}
-    for finger, names in hand.finger_links.items():
-        if finger == PALM:
-            continue
+    for finger, own in held.items():
+        T, names = link_poses(hand, own.q[None])[0], hand.finger_links[finger]
         for name in names[-CONTACT_LINKS:]:
             link, last = hand.link(name), name == names[-1]
             points = local[owner == link]
             if not len(points):
                 continue
-            towards = (found.centre - T[link, :3, 3]) @ T[link, :3, :3] - points  # link frame
-            inwards, near = _unit(towards), np.linalg.norm(towards, axis=1) < HELD_RADIUS + WITHIN_REACH
+            towards = own.towards(points @ T[link, :3, :3].T + T[link, :3, 3]) @ T[link, :3, :3]  # link frame
+            inwards, near = _unit(towards), np.linalg.norm(towards, axis=1) < own.radius + WITHIN_REACH
             depth, normals = of_solids(solids[name], points)
             is_surface = (np.abs(depth) < NO_SURFACE) & ((normals * outward_normals(hand, link, points)).sum(1) > ALIKE)
             is_surface &= away_from_edges(solids[name], points - depth[:, None] * normals, normals)
             facing = (normals * inwards).sum(1) > (TIP_FACING if last else FACING)
-            open_in_front = exposed(hand, link, points, found.q) & clear(hand, link, points + ROOM * normals, found.q)
+            open_in_front = exposed(hand, link, points, own.q) & clear(hand, link, points + ROOM * normals, own.q)
             chosen = np.flatnonzero(near & is_surface & facing & open_in_front)
             count = min(len(chosen), TIP_CONTACTS if last else OTHER_CONTACTS)
             if count:

@@ -17,7 +17,7 @@ from pipeline.hand.model import Hand
 from pipeline.hand.moves import finger_joints
 from pipeline.hand.surface import farthest_points, hand_surface
 from pipeline.records.parameters.hand import PALM
-from tools.hand_guesses import Meeting, distance_to_link, finger_bases, outward_normals, tip_points
+from tools.hand_guesses import Held, Meeting, distance_to_link, finger_bases, outward_normals, tip_points
 
 POSTURES = 6000  # random ones
 RADII = (0.035, 0.03, 0.025, 0.02)  # m, of upright cylinders against the palm, from the loosest grip to the tightest
@@ -55,6 +55,7 @@ class Press:
 
     finger: str
     posture: NDArray[np.float64]  # (j,) rad, of the finger's joints, on a cylinder of radius ``NEEDED``
+    held: Held  # that cylinder
     first: list[float]  # rad, angles of its first joint on all cylinders
     bent: list[list[float]]  # rad, of the others, from the widest cylinder to the thinnest
 
@@ -155,18 +156,20 @@ def presses(hand: Hand, face: PalmFace, q: NDArray[np.float64]) -> dict[str, Pre
         return {}
     found, T = {}, link_poses(hand, q)
     for finger in tip_points(hand):
-        joints, by_radius = finger_joints([finger], hand), {}
+        joints, by_radius, rows_of, middles = finger_joints([finger], hand), {}, {}, {}
         for radius in RADII:
-            best = _pressing(hand, finger, face, face.along, radius, q, T)
+            best, axes = _pressing(hand, finger, face, face.along, radius, q, T)
             if len(best):
                 by_radius[radius] = q[np.ix_(best, joints)]
+                rows_of[radius], middles[radius] = q[best[0]], axes[0]
         if NEEDED not in by_radius or not len(joints):
             continue
         rows = np.concatenate(list(by_radius.values()))
         first = np.quantile(rows[:, 0], np.linspace(0.1, 0.9, FIRST)).tolist()
         bent = [own[0, 1:].tolist() for own in by_radius.values()][:BENDS]
         bent += [bent[-1]] * (2 - len(bent))
-        found[finger] = Press(finger, by_radius[NEEDED][0], first, bent)
+        held = Held(rows_of[NEEDED], middles[NEEDED], NEEDED, np.cross(face.along, face.normal))
+        found[finger] = Press(finger, by_radius[NEEDED][0], held, first, bent)
     return found
 
 
@@ -178,8 +181,10 @@ def _pressing(
     radius: float,
     q: NDArray[np.float64],
     T: NDArray[np.float64],
-) -> NDArray[np.int64]:
-    """Return the rows of q (n, J) in which a finger presses a cylinder against the palm, the best first.
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return the rows (m,) of q (n, J) in which a finger presses a cylinder against the palm, the best first.
+
+    With the middle (m, 3) of each cylinder, hand frame.
 
     The cylinder's axis is across palm and fingers; where along the fingers it lies follows from the tip, which touches
     it.
@@ -206,13 +211,15 @@ def _pressing(
     order = np.flatnonzero(can)
     order = order[np.argsort(bent[order] - press[order], kind="stable")]
     own = np.isin(owner, [hand.link(name) for name in hand.finger_links[finger]])
-    kept = []
+    kept, middles = [], []
     for row in order[:400]:
         points = points_on_links(T[row : row + 1], owner[own], local[own])[0]
         away = np.hypot(points @ face.normal - face.height - radius, points @ fingers - axis[row])
         if away.min() > radius - OVERLAP:
             kept.append(row)
-    return np.array(kept, np.int64)
+            height = face.height + radius
+            middles.append(height * face.normal + axis[row] * fingers + own_side[row] * across)
+    return np.array(kept, np.int64), np.array(middles).reshape(-1, 3)
 
 
 def presser(hand: Hand, found: Mapping[str, Press], opposing: Sequence[str]) -> str | None:

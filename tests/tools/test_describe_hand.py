@@ -13,14 +13,16 @@ import yaml
 from pipeline.hand.fitting import Solid
 from pipeline.hand.kinematics import link_poses, points_on_links
 from pipeline.hand.model import hand_of_file, load_hand
+from pipeline.hand.mount import Mount
 from pipeline.hand.moves import finger_joints
 from pipeline.hand.standard import source_file, standard_urdf
 from pipeline.hand.urdf import Urdf
 from pipeline.records.hands import description_file
-from pipeline.records.parameters.hand import read_description
+from pipeline.records.parameters.hand import MountDescription, read_description
 from tests.hand.toy import urdf_text
 from tools import describe_hand
-from tools.hand_guesses import Meeting, groups, inner_contacts, of_solids, opposing, tip_points
+from tools.hand_guesses import Meeting, away_from_edges, groups, inner_contacts, of_solids, opposing, tip_points
+from tools.mount_guess import guessed_mount
 from tools.palm_press import NEEDED
 
 
@@ -122,15 +124,22 @@ def test_the_allegro_pinches_and_presses_with_the_ring_finger() -> None:
 
 
 def test_contacts_are_near_what_is_held_and_on_the_surface_that_physics_has() -> None:
+    """A ball of 35 mm between the tips of the others, a cylinder of 30 mm under the ring finger."""
     hand = load_hand("allegro")
-    found, solids = describe_hand.guessed(hand).found, describe_hand.solids_of(hand, urdf_of("allegro"))
-    contacts = inner_contacts(hand, found, solids)
-    assert {hand.finger_links[finger][-1] for finger in tip_points(hand)} <= set(contacts)
-    T = link_poses(hand, found.q[None])[0]
-    for name, (points, normals) in contacts.items():
-        pose = T[hand.link(name)]
-        away = points @ pose[:3, :3].T + pose[:3, 3] - found.centre
-        assert np.linalg.norm(away, axis=1).max() < 0.035 + 0.025  # m: radius of what is held, and reach about it
+    held = describe_hand.held_by(describe_hand.guessed(hand))
+    solids = describe_hand.solids_of(hand, urdf_of("allegro"))
+    contacts = inner_contacts(hand, held, solids)
+    fingers = list(tip_points(hand))
+    assert {hand.finger_links[finger][-1] for finger in fingers} <= set(contacts)
+    assert (held["ring"].radius, held["ring"].axis is None) == (0.03, False)
+    owners = {name: finger for finger in fingers for name in hand.finger_links[finger]}
+    for name in [name for name in contacts if name in owners]:
+        (points, normals), thing = contacts[name], held[owners[name]]
+        pose = link_poses(hand, thing.q[None])[0][hand.link(name)]
+        away = points @ pose[:3, :3].T + pose[:3, 3] - thing.centre
+        if thing.axis is not None:
+            away = np.cross(np.cross(thing.axis, away), thing.axis)
+        assert np.linalg.norm(away, axis=1).max() < thing.radius + 0.02
         np.testing.assert_array_less((away * (normals @ pose[:3, :3].T)).sum(1), 0.0)  # they face it
         (one,) = solids[name]
         scene = open3d.t.geometry.RaycastingScene()
@@ -138,11 +147,27 @@ def test_contacts_are_near_what_is_held_and_on_the_surface_that_physics_has() ->
         nearest = scene.compute_closest_points(points.astype(np.float32))
         assert np.linalg.norm(nearest["points"].numpy() - points, axis=1).max() < 0.003
         assert (normals * nearest["primitive_normals"].numpy()).sum(1).min() > 0.9
-    index = hand.finger_links["index"]
-    for name in index:  # physics has it elsewhere than the kernel
+    for name in hand.finger_links["index"]:  # physics has it elsewhere than the kernel
         solids[name] = [Solid(one.hull.copy().apply_translation([0, 0, 1])) for one in solids[name]]
-    hidden = inner_contacts(hand, found, solids)
-    assert set(hidden) == set(contacts) - set(index)
+    assert set(inner_contacts(hand, held, solids)) == set(contacts) - set(hand.finger_links["index"])
+
+
+def test_the_mount_that_is_proposed_for_the_allegro_is_about_the_published_one() -> None:
+    hand = load_hand("allegro")
+    described, touching = guessed_mount(hand, describe_hand.guessed(hand).face)
+    proposed, published = Mount(MountDescription.model_validate(described)).T_link7_hand, hand.mount.T_link7_hand
+    np.testing.assert_allclose(proposed[:3, :3], published[:3, :3], atol=1e-3)
+    assert np.linalg.norm(proposed[:3, 3] - published[:3, 3]) < 0.015  # m
+    assert {"panda_link7", "mount", "base_link"} <= set(touching)
+    assert not set(touching) & hand.tips
+
+
+def test_an_edge_is_where_the_surface_ends_within_four_millimetres() -> None:
+    cube, ball = (Solid(mesh) for mesh in (trimesh.creation.box((0.04,) * 3), trimesh.creation.icosphere(4, 0.012)))
+    up = np.array([[0.0, 0.0, 1.0]])
+    for beside, inner in ((0.0, True), (0.015, True), (0.018, False)):
+        assert away_from_edges([cube], np.array([[beside, 0.0, 0.02]]), up).tolist() == [inner]
+    assert away_from_edges([ball], 0.012 * up, up).tolist() == [True]  # it falls off by 0.7 mm there
 
 
 def test_steps_between_fitted_boxes_are_no_contacts() -> None:
