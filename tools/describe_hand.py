@@ -259,7 +259,10 @@ def text_of(content: dict[str, Any], question: str) -> str:
 
 
 def settings_of(name: str, content: dict[str, Any], guesses: Guesses) -> str:
-    """Return `conf/hand/<name>.yaml`: which fingers hold, and how far the palm is at first."""
+    """Return `conf/hand/<name>.yaml`: which fingers hold, and how far the palm is at first.
+
+    A hand that cannot press against its palm gets objects of its own, as those of a scale ask for both styles.
+    """
     fingers = content["styles"]["pinch"]["fingers"]
     first = guesses.opposing or fingers[:1]
     others = [finger for finger in fingers if finger not in first]
@@ -276,11 +279,9 @@ def settings_of(name: str, content: dict[str, Any], guesses: Guesses) -> str:
         reach = float(guesses.found.centre @ guesses.face.normal)
         nearest = max(reach - 0.02, 0.01)
         pinch |= {"distance_from_palm": _numbers([nearest, nearest + 0.06]), "heading_spread": 3.1416}
-    styles: dict[str, Any] = {"pinch": ["cube", "slender_cylinder"], "side": []}
     synthesis: dict[str, Any] = {"pinch": pinch}
     if guesses.press is not None:
         own = [guesses.press.finger, PALM]
-        styles["side"] = ["slender_cylinder", "soup_can"]
         synthesis["side"] = {
             "finger_sets": [own],
             "contacts": {"+".join(own): 2},
@@ -288,7 +289,8 @@ def settings_of(name: str, content: dict[str, Any], guesses: Guesses) -> str:
             "keep_out_margin": None,
             "distance_from_palm": _numbers(np.array([0.03, 0.12]) + guesses.face.height),
         }
-    body = {"hand": name, "styles": styles, "synthesize": synthesis}
+    styles = {} if guesses.press else {"styles": {"pinch": ["cube", "slender_cylinder"], "side": []}}
+    body = {"hand": name, **styles, "synthesize": synthesis}
     head = f"# @package _global_\n# Proposed by `./dev describe-hand` with hands/{name}/{DESCRIPTION}.\n"
     return head + yaml.safe_dump(body, sort_keys=False, default_flow_style=None, width=118)
 
