@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from pipeline.hand.model import Hand
 from pipeline.records.errors import UserError
-from pipeline.records.hands import ALLEGRO
 from pipeline.records.ordinals import ORDINALS
 from pipeline.records.parameters import Parameters
 from pipeline.records.poses import inverse_pose
@@ -50,8 +49,7 @@ def place(
         inverse: the poses are those of the objects in the hand's frame.
 
     Raises:
-        UserError: there are more or fewer objects than the grasps hold, the hand cannot hold two, or joints are far
-            beyond their limits.
+        UserError: there are more or fewer objects than the grasps hold, or joints are far beyond their limits.
     """
     count = len(file.grasps[0].holds)
     if any(len(grasp.holds) != count for grasp in file.grasps):
@@ -60,8 +58,6 @@ def place(
         raise UserError(
             f"{file.source} has grasps of {count} object{'s' * (count > 1)}; give --object that many times."
         )
-    if count > 1 and hand.name != ALLEGRO:
-        raise UserError(f"grasps of two objects are scored for the {ALLEGRO} only; leave --hand out.")
     placed, squeezes, excess = [], [], []
     for grasp in file.grasps:
         q, beyond = within_limits(grasp.joints[joints.columns], hand)
@@ -89,11 +85,14 @@ def ready_grasps(read: PlacedFile, hand: Hand, parameters: Parameters) -> list[R
         parameters: of which `synthesize` and, for two objects, `picks` are used.
 
     Raises:
-        UserError: the file names fingers or contacts that the hand does not have.
+        UserError: the file names fingers or contacts that the hand does not have, or the hand has not the styles of
+            the picks.
     """
     styles = [""] if len(read.placed[0]) == 1 else [pick.style for pick in parameters.picks]
     if len(styles) < len(read.placed[0]):
         raise UserError(f"params.yaml has no {ORDINALS[len(styles)]} pick; add it under `picks`.")
+    for style in filter(None, styles):
+        hand.style(style)
     found = []
     for grasp, placed, squeeze_q in zip(read.file.grasps, read.placed, read.squeeze_q, strict=True):
         assigned = tuple(
