@@ -1,9 +1,9 @@
-"""The paper's sixteen objects in ten captures, photographed as a phone would: error of each, or what it was refused for.
+"""The paper's sixteen objects in ten captures, photographed as a phone would: how far each is off, or why it is refused.
 
     python benchmarks/phone_captures.py FOLDER [--prepared data/prepare] [--only 0 3]
 
-A capture shows one or two objects among six tags in 14 photos of 800 x 600 pixels, rendered as the stage `capture` does,
-but as a phone takes them: a main camera of 26 mm with its distortion, EXIF data with the focal length in whole
+A capture shows one or two objects among six tags in 14 photos of 800 x 600 pixels, rendered as the stage `capture`
+does, but as a phone takes them: a main camera of 26 mm with its distortion, EXIF data with the focal length in whole
 millimetres, rows that are read one after another while the hand turns (rolling shutter), a focal length that changes
 with the focus from photo to photo, shake, defocus, noise, changing exposure, highlights that clip and spread, JPEG of
 quality 80. Rows are kept in FOLDER, so that a run goes on where it stopped. Bars: a chamfer of at most 1.5 mm for every
