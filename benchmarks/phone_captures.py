@@ -1,4 +1,4 @@
-"""The paper's sixteen objects in ten captures, photographed as a phone would: how far each is off, or why it is refused.
+"""The paper's sixteen objects in ten captures, photographed as by a phone: how far each is off, or why it is refused.
 
     python benchmarks/phone_captures.py FOLDER [--prepared data/prepare] [--only 0 3]
 
