@@ -25,7 +25,7 @@ from pipeline.reconstruct.cameras import find_cameras  # noqa: E402
 from pipeline.reconstruct.detection import all_tags, seen_tags  # noqa: E402
 from pipeline.reconstruct.photos import read_grey, read_photos  # noqa: E402
 from pipeline.reconstruct.reconstruction import metrics_of, reconstruct, tags_in_photos  # noqa: E402
-from pipeline.records.captures import Capture, read_capture  # noqa: E402
+from pipeline.records.captures import Capture, read_capture, read_tags  # noqa: E402
 from pipeline.records.errors import UserError  # noqa: E402
 from pipeline.records.parameters import read_parameters  # noqa: E402
 from pipeline.records.parameters.reconstruct import ReconstructParameters  # noqa: E402
@@ -62,15 +62,16 @@ def without_masks(capture: Capture, folder: Path) -> Capture:
 def cameras_line(capture: Capture, settings: ReconstructParameters) -> str:
     """Return what the cameras of a capture are."""
     photos = read_photos(capture, settings.largest_side)
-    seen = tags_in_photos(capture, photos)
-    found = find_cameras(photos, seen, capture.tags, capture.scene, capture.intrinsics, settings, 1)
+    layout = read_tags(capture.folder / "tags.yaml")
+    seen = tags_in_photos(capture, layout, photos)
+    found = find_cameras(photos, seen, layout, capture.scene, capture.intrinsics, settings, 1)
     facts = found.facts
     known = KNOWN.get(capture.folder.name)
     scale = photos[0].size[0] / photos[0].file_size[0]
     off = "" if known is None else f" ({100 * (facts['focal_px'] / known.focal / scale - 1):+.1f} %)"
     return (
         f"{len(found.views)}/{found.photos} | {found.reprojection:.2f} px | f {facts['focal_px']:.0f}{off} "
-        f"{facts['lens']} | tags {1000 * found.alignment.residual:.2f} mm | "
+        f"{facts['lens']} | tags {1000 * (found.alignment.residual if found.alignment else np.nan):.2f} mm | "
         f"{facts['camera_m_nearest']:.2f}-{facts['camera_m_farthest']:.2f} m | turntable {facts['turntable']} | "
         f"dropped {found.dropped or 'none'}"
     )

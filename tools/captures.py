@@ -10,7 +10,7 @@ import numpy as np
 import yaml
 from pydantic import ValidationError
 
-from pipeline.records.captures import read_capture, read_intrinsics, read_scene, read_tags
+from pipeline.records.captures import KnownLength, read_capture, read_intrinsics, read_scene, read_tags
 from pipeline.records.errors import UserError, first_mistake
 from pipeline.records.parameters import read_parameters
 from pipeline.records.tag_layouts import TAG_FAMILIES, TagLayout
@@ -95,6 +95,7 @@ def check(folder: Path, picture: Path) -> int:
     from pipeline.reconstruct.check_picture import Shown, check_picture, shown_best
     from pipeline.reconstruct.coverage import coverage_sentences, looks_at_all, posed_photos
     from pipeline.reconstruct.inspection import camera_sentences, cameras_told, sentences
+    from pipeline.reconstruct.known_length import marks_as_worked_with
     from pipeline.reconstruct.normal_maps import normal_files
     from pipeline.reconstruct.photos import read_colours, read_photos, shrunk
     from pipeline.reconstruct.reconstruction import tags_in_photos
@@ -104,7 +105,15 @@ def check(folder: Path, picture: Path) -> int:
     if capture.intrinsics is not None:
         capture.intrinsics.check_sizes({photo.name: photo.file_size for photo in photos})
     normal_files(capture, photos)
-    seen = tags_in_photos(capture, list(watched(photos, len(photos), "looking for tags")))
+    if isinstance(capture.tags, KnownLength):
+        marks_as_worked_with(capture.tags, photos)
+        found = sentences(capture, photos, {})
+        for sentence in found:
+            print(sentence)
+        print(f"{folder}: {len(photos)} photos, a known length; {'see above' if found else 'no problems found'}.")
+        print("No picture: without tags, only the reconstruction finds cameras.")
+        return DOUBTFUL if found else 0
+    seen = tags_in_photos(capture, capture.tags, list(watched(photos, len(photos), "looking for tags")))
     cameras, layout = cameras_told(photos, seen, capture.tags)
     doubts, told = camera_sentences(photos, cameras)
     posed = posed_photos(photos, cameras)

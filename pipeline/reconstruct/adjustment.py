@@ -41,6 +41,10 @@ class Bundle:
         """Return where all corners of all tags are (tags, 4, 3)."""
         return np.asarray(self.square @ np.swapaxes(self.tags[:, :3, :3], 1, 2) + self.tags[:, None, :3, 3])
 
+    def middle(self) -> NDArray[np.float64]:
+        """Return the middle (3,) of the tags, around which photos are taken; without tags, the frame's origin."""
+        return np.asarray(self.tags[:, :3, 3].mean(axis=0) if len(self.tags) else np.zeros(3))
+
     def seen(self, photo: NDArray[np.int64], places: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the pixels (n, 2) at which ``photo`` (n,) shows ``places`` (n, 3)."""
         local = (self.poses[photo, :3, :3] @ places[:, :, None])[..., 0] + self.poses[photo, :3, 3]

@@ -71,9 +71,8 @@ def wrong_photos(bundle: Bundle, tracks: Tracks, posed: NDArray[np.bool_], slack
     found = {}
     count, share = feature_support(bundle, tracks, posed, slack * FITS)
     which, errors = bundle.corners[0], bundle.corner_errors()
-    middle = bundle.tags[:, :3, 3].mean(axis=0)
     centres = -(np.swapaxes(bundle.poses[:, :3, :3], 1, 2) @ bundle.poses[:, :3, 3, None])[..., 0]
-    distance = np.linalg.norm(centres - middle, axis=1)
+    distance = np.linalg.norm(centres - bundle.middle(), axis=1)
     usual = float(np.median(distance[posed]))
     for photo in np.flatnonzero(posed):
         own = which[:, 0] == photo

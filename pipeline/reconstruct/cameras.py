@@ -1,4 +1,7 @@
-"""The cameras of a capture in the scene frame, metric: from tags where photos show them, from features elsewhere."""
+"""The cameras of a capture in the scene frame, metric: from tags where photos show them, from features elsewhere.
+
+Without tags, features alone pose the photos, and a known length with the plane beneath gives scale and frame.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,16 @@ from pipeline.reconstruct.alignment import Alignment, align
 from pipeline.reconstruct.camera_checks import check_lenses, check_scale, wrong_photos
 from pipeline.reconstruct.detection import Seen, Sightings
 from pipeline.reconstruct.features import Matches, extract_and_match, tracks
-from pipeline.reconstruct.joining import Choice, Tracks, adjusted_together, chosen_lens, grown, steadied
+from pipeline.reconstruct.joining import (
+    Choice,
+    Tracks,
+    adjusted_together,
+    chosen_lens,
+    grown,
+    steadied,
+    with_points,
+)
+from pipeline.reconstruct.known_length import marks_as_worked_with, told_by_length
 from pipeline.reconstruct.lens import Lens
 from pipeline.reconstruct.photos import Photo
 from pipeline.reconstruct.sparse import mapped
@@ -32,12 +44,13 @@ from pipeline.reconstruct.tag_cameras import (
 )
 from pipeline.reconstruct.tags import locate_corners
 from pipeline.reconstruct.turntable import background_rests, on_the_sheet
-from pipeline.records.captures import Intrinsics, Scene
+from pipeline.records.captures import Intrinsics, KnownLength, Scene
 from pipeline.records.errors import UserError
 from pipeline.records.parameters.reconstruct import AlignmentParameters, ReconstructParameters, SparseParameters
 from pipeline.records.tag_layouts import TagLayout
 
 UNADJUSTED = 5.0  # times the usual distances in pixels may be off before the first adjustment
+MATCHED = 4.0  # pixels, within which a feature is one of its point
 LEAST_BY_TAGS = 0.5  # of the photos that tags must pose; else features find all poses first
 
 
@@ -55,8 +68,7 @@ class Cameras:
     """What was found, and how well it fits."""
 
     views: tuple[PosedPhoto, ...]  # in the order of the photos' names
-    layout: TagLayout  # as given, or as the photos tell
-    alignment: Alignment
+    alignment: Alignment | None  # of the tags; None without them
     points: NDArray[np.float64]  # (n, 3), scene frame
     reprojection: float  # mean over the features, pixels
     photos: int  # how many there were
@@ -65,26 +77,25 @@ class Cameras:
 
 
 def _from_features(
-    folder: Path,
-    photos: Sequence[Photo],
-    sightings: Mapping[str, Sightings],
-    layout: TagLayout,
-    guesses: Sequence[Lens],
-    settings: ReconstructParameters,
-    seed: int,
+    folder: Path, photos: Sequence[Photo], guesses: Sequence[Lens], settings: ReconstructParameters, seed: int
 ) -> tuple[dict[str, NDArray[np.float64]], list[Lens]]:
-    """Return poses in the scene frame, and lenses, by COLMAP's mapping and the tags located with it."""
+    """Return poses in a frame and a scale of their own, and lenses, by COLMAP's mapping."""
     calibrated = not any(lens.free for lens in guesses)
     found = mapped(folder, photos, settings.sparse, calibrated, seed)
-    lenses = list(guesses) if calibrated else [found.lenses.get((own.width, own.height), own) for own in guesses]
-    _, lens_of = lens_groups(photos)
-    views = [
-        PosedPhoto(photo, lenses[lens_of[photo.name]], found.poses[photo.name])
-        for photo in photos
-        if photo.name in found.poses
+    return found.poses, list(guesses) if calibrated else [
+        found.lenses.get((own.width, own.height), own) for own in guesses
     ]
-    alignment = align(locate_corners(views, sightings, settings.alignment), layout, settings.alignment)
-    return {view.photo.name: alignment.similarity.camera(view.T_camera_scene) for view in views}, lenses
+
+
+def _posed_photos(
+    photos: Sequence[Photo],
+    poses: Mapping[str, NDArray[np.float64]],
+    lenses: Sequence[Lens],
+    lens_of: Mapping[str, int],
+) -> tuple[PosedPhoto, ...]:
+    return tuple(
+        PosedPhoto(photo, lenses[lens_of[photo.name]], poses[photo.name]) for photo in photos if photo.name in poses
+    )
 
 
 def _whole(
@@ -93,14 +104,14 @@ def _whole(
     lenses: Sequence[Lens],
     lens_of: Mapping[str, int],
     sightings: Mapping[str, Sightings],
-    layout: TagLayout,
+    layout: TagLayout | None,
 ) -> tuple[Bundle, NDArray[np.bool_], NDArray[np.float64]]:
     """Return the bundle of all photos without points, which are posed, and where the tags' corners should be."""
-    placed = layout.corners()
+    placed, tags = (layout.corners(), layout.poses()) if layout else ({}, {})
     numbers = {number: at for at, number in enumerate(sorted(placed))}
     which, pixels = [], []
     for at, photo in enumerate(photos):
-        for number, corners in sightings[photo.name].items():
+        for number, corners in sightings.get(photo.name, {}).items():
             if number in numbers:
                 which += [(at, numbers[number], corner) for corner in range(4)]
                 pixels.append(corners)
@@ -108,14 +119,14 @@ def _whole(
         tuple(lenses),
         np.array([lens_of[photo.name] for photo in photos], np.int64),
         np.array([poses.get(photo.name, np.eye(4)) for photo in photos]),
-        np.array([layout.poses()[number].matrix() for number in numbers]),
-        layout.square(),
+        np.array([tags[number].matrix() for number in numbers]).reshape(-1, 4, 4),
+        layout.square() if layout else np.zeros((4, 3)),
         (np.array(which, np.int64).reshape(-1, 3), np.concatenate([np.zeros((0, 2)), *pixels])),
         np.zeros((0, 3)),
         NO_POINTS,
     )
     posed = np.array([photo.name in poses for photo in photos])
-    return bundle, posed, np.array([placed[number] for number in numbers])
+    return bundle, posed, np.array([placed[number] for number in numbers]).reshape(-1, 4, 3)
 
 
 def _all_posed(bundle: Bundle, posed: NDArray[np.bool_]) -> Bundle:
@@ -182,7 +193,7 @@ def _facts(
     """Return what metrics.json says of the cameras."""
     spread = focal_spread(bundle, Freedom(poses=kept, placed=placed))
     centres = np.array([-T[:3, :3].T @ T[:3, 3] for T in bundle.poses[kept]])
-    distance = np.linalg.norm(centres - placed.reshape(-1, 3).mean(axis=0), axis=1)
+    distance = np.linalg.norm(centres - bundle.middle(), axis=1)
     largest = max(bundle.lenses, key=lambda lens: lens.width)
     return {
         "lens": choice.model if largest.free else "calibrated",
@@ -195,6 +206,16 @@ def _facts(
         "camera_m_nearest": float(distance.min()),
         "camera_m_farthest": float(distance.max()),
     }
+
+
+def _kept_poses(photos: Sequence[Photo], bundle: Bundle, kept: NDArray[np.bool_]) -> dict[str, NDArray[np.float64]]:
+    return {photo.name: T for photo, T, its in zip(photos, bundle.poses, kept, strict=True) if its}
+
+
+def _reprojection(bundle: Bundle) -> float:
+    """Return how far features are from where their points are seen, pixels, without those matched wrongly."""
+    errors = bundle.feature_errors()
+    return float(errors[errors < MATCHED].mean())
 
 
 @dataclass(frozen=True)
@@ -285,17 +306,16 @@ def find_cameras(
         told = dict(zip(sizes, lenses, strict=True)) if trusted or len(guesses) == 1 else {}
         matches = extract_and_match(folder, used, told, poses, settings.sparse, seed)
         if trusted is None:
-            poses, lenses = _from_features(folder, used, sightings, layout, lenses, settings, seed)
+            mapped_poses, lenses = _from_features(folder, used, lenses, settings, seed)
+            views = _posed_photos(used, mapped_poses, lenses, lens_of)
+            first = align(locate_corners(views, sightings, settings.alignment), layout, settings.alignment)
+            poses = {name: first.similarity.camera(T) for name, T in mapped_poses.items()}
     bundle, posed, placed = _whole(used, poses, lenses, lens_of, sightings, layout)
     found = _tracks(matches, used)
     bundle, kept, choice, dropped = _joined(bundle, found, posed, placed, used, settings.sparse)
     dropped |= {name: "shows too few tags" for name in lens_of if name not in {photo.name for photo in used}}
     check_lenses(bundle.lenses, sizes, exif, {photo.name: photo.size for photo in photos})
-    views = tuple(
-        PosedPhoto(photo, bundle.lenses[lens_of[photo.name]], T)
-        for photo, T, its in zip(used, bundle.poses, kept, strict=True)
-        if its
-    )
+    views = _posed_photos(used, _kept_poses(used, bundle, kept), bundle.lenses, lens_of)
     located = locate_corners(views, sightings, settings.alignment)
     alignment = align(located, layout, settings.alignment)
     facts = {
@@ -306,7 +326,47 @@ def find_cameras(
         **_facts(bundle, kept, placed, choice, exif),
         **check_scale(located, layout),
     }
-    errors = bundle.feature_errors()
-    return Cameras(
-        views, layout, alignment, bundle.points, float(errors[errors < 4].mean()), len(photos), dropped, facts
+    return Cameras(views, alignment, bundle.points, _reprojection(bundle), len(photos), dropped, facts)
+
+
+def find_cameras_by_length(
+    photos: Sequence[Photo],
+    scale: KnownLength,
+    intrinsics: Intrinsics | None,
+    settings: ReconstructParameters,
+    seed: int,
+) -> Cameras:
+    """Return the cameras of all photos that fit together, from features, a known length and the plane beneath.
+
+    Raises:
+        UserError: too few photos, marks that do not fit together, no plane, or cameras that cannot be.
+    """
+    sizes, lens_of = lens_groups(photos)
+    exif = {photo.name: photo.focal for photo in photos if photo.focal is not None}
+    marks = marks_as_worked_with(scale, photos)
+    guesses = _guesses(photos, intrinsics)
+    pycolmap.logging.minloglevel = 2
+    pycolmap.set_random_seed(seed)
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        told = dict(zip(sizes, guesses[0], strict=True)) if len(guesses) == 1 else {}
+        found = _tracks(extract_and_match(folder, photos, told, {}, settings.sparse, seed), photos)
+        poses, lenses = _from_features(folder, photos, guesses[0], settings, seed)
+    bundle, posed, _ = _whole(photos, poses, lenses, lens_of, {}, None)
+    points = with_points(bundle, found, posed).points
+    first = told_by_length(scale, marks, _posed_photos(photos, poses, lenses, lens_of), points, seed)
+    metric = {name: first.similarity.camera(T) for name, T in poses.items()}
+    bundle, posed, placed = _whole(photos, metric, lenses, lens_of, {}, None)
+    bundle, kept, choice, dropped = _joined(bundle, found, posed, placed, photos, settings.sparse)
+    check_lenses(bundle.lenses, sizes, exif, {photo.name: photo.size for photo in photos})
+    # The adjustment moved the cameras, and nothing held the frame.
+    poses = _kept_poses(photos, bundle, kept)
+    last = told_by_length(scale, marks, _posed_photos(photos, poses, bundle.lenses, lens_of), bundle.points, seed)
+    bundle = replace(
+        bundle,
+        poses=np.array([last.similarity.camera(T) for T in bundle.poses]),
+        points=last.similarity.points(bundle.points),
     )
+    views = _posed_photos(photos, _kept_poses(photos, bundle, kept), bundle.lenses, lens_of)
+    facts = {"cameras_from": "features", **_facts(bundle, kept, placed, choice, exif), **last.facts}
+    return Cameras(views, None, bundle.points, _reprojection(bundle), len(photos), dropped, facts)

@@ -20,7 +20,7 @@ from pipeline.reconstruct.tag_cameras import (
     lens_groups,
     solved_layout,
 )
-from pipeline.records.captures import Capture
+from pipeline.records.captures import Capture, KnownLength, Scene
 from pipeline.records.errors import UserError
 from pipeline.records.tag_layouts import TagLayout
 
@@ -85,27 +85,27 @@ def layout_sentences(sightings: Mapping[str, Sightings], layout: TagLayout) -> l
     ]
 
 
-def _under_objects(capture: Capture) -> set[int]:
+def _under_objects(scene: Scene, layout: TagLayout) -> set[int]:
     """Return the tags that lie under an object, where no photo can show them whole."""
     found = set()
-    for item in capture.scene.objects.values():
-        T = item.matrix(capture.scene.support_plane)
-        for number, corners in capture.tags.corners().items():
+    for item in scene.objects.values():
+        T = item.matrix(scene.support_plane)
+        for number, corners in layout.corners().items():
             local = np.abs((corners - T[:3, 3]) @ T[:3, :3])[:, :2]
             if (local < np.array(item.box[:2]) / 2 + AROUND).all(axis=1).any():
                 found.add(number)
     return found
 
 
-def tag_sentences(capture: Capture, seen: Mapping[str, Seen]) -> list[str]:
+def tag_sentences(scene: Scene, layout: TagLayout, seen: Mapping[str, Seen]) -> list[str]:
     """Return what is doubtful about the tags in the photos. Tags under an object are not missed."""
     counts = Counter(number for its in seen.values() for number in its.tags)
     found = []
-    if capture.tags.board is None:
+    if layout.board is None:
         found += [
             f"Tag {number} is seen in {counts[number]} photos (where it is seen once); keep it in view of at least "
             f"{LEAST_SIGHTINGS}, or remove it from tags.yaml."
-            for number in sorted(set(capture.tags.poses()) - _under_objects(capture))
+            for number in sorted(set(layout.poses()) - _under_objects(scene, layout))
             if counts[number] < LEAST_SIGHTINGS
         ]
     if sum(count >= LEAST_SIGHTINGS for count in counts.values()) < 4:
@@ -177,10 +177,12 @@ def sentences(capture: Capture, photos: Sequence[Photo], seen: Mapping[str, Seen
         if max(dark, bright) > MUCH:
             how = "black" if dark > bright else "white"
             found.append(f"{photo.name} is {max(dark, bright):.0%} {how}; correct the exposure and take it again.")
-    found += tag_sentences(capture, seen)
+    if not isinstance(capture.tags, KnownLength):
+        found += tag_sentences(capture.scene, capture.tags, seen)
+        found += layout_sentences({name: its.tags for name, its in seen.items()}, capture.tags)
     sizes = {photo.size for photo in photos}
     if len(sizes) > 1:
         found.append(
             f"The photos have {len(sizes)} sizes; each size is taken for a camera of its own, so have several of each."
         )
-    return found + layout_sentences({name: its.tags for name, its in seen.items()}, capture.tags)
+    return found

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from pipeline.compute.fan_out import Workers
 from pipeline.reconstruct.accuracy import Accuracy, compare
-from pipeline.reconstruct.cameras import Cameras, find_cameras
+from pipeline.reconstruct.alignment import Alignment
+from pipeline.reconstruct.cameras import Cameras, find_cameras, find_cameras_by_length
 from pipeline.reconstruct.dense import DenseObject, dense_objects
 from pipeline.reconstruct.detection import Seen, family_seen, seen_tags
 from pipeline.reconstruct.fusion import support_shares
@@ -21,11 +22,12 @@ from pipeline.reconstruct.photos import Photo, read_grey, read_photos
 from pipeline.reconstruct.surface import Surface, samples_of
 from pipeline.reconstruct.tags import check_sightings
 from pipeline.reconstruct.views import View, undistort_all, undistorted_normals
-from pipeline.records.captures import Capture, SceneObject, Truth
+from pipeline.records.captures import Capture, KnownLength, SceneObject, Truth
 from pipeline.records.errors import UserError
 from pipeline.records.geometry import read_geometry_file
 from pipeline.records.parameters.reconstruct import ReconstructParameters
 from pipeline.records.reconstructions import ReconstructedObject
+from pipeline.records.tag_layouts import TagLayout
 
 FAMILY_PHOTOS = 4  # searched for other families
 
@@ -77,8 +79,8 @@ def check_seen(objects: Mapping[str, ReconstructedObject], least: float) -> None
             )
 
 
-def tags_in_photos(capture: Capture, photos: Sequence[Photo]) -> dict[str, Seen]:
-    """Return per photo the tags in it, sought in the photo at its full size.
+def tags_in_photos(capture: Capture, layout: TagLayout, photos: Sequence[Photo]) -> dict[str, Seen]:
+    """Return per photo the tags of ``layout`` in it, sought in the photo at its full size.
 
     Raises:
         UserError: the photos show tags of another family than ``tags.yaml`` says, and none of that.
@@ -86,16 +88,24 @@ def tags_in_photos(capture: Capture, photos: Sequence[Photo]) -> dict[str, Seen]
     seen = {}
     for photo, path in zip(photos, capture.images, strict=True):
         grey = photo.grey if photo.times == 1 else read_grey(path)
-        seen[photo.name] = seen_tags(grey, capture.tags, photo.times)
+        seen[photo.name] = seen_tags(grey, layout, photo.times)
     if not any(its.tags or its.repeated for its in seen.values()):
         few = [photo.grey for photo in photos[:: max(len(photos) // FAMILY_PHOTOS, 1)]]
-        family = family_seen(few, capture.tags.family)
+        family = family_seen(few, layout.family)
         if family is not None:
             raise UserError(
-                f"{capture.folder}/tags.yaml says that the tags are of the family {capture.tags.family}, but the "
+                f"{capture.folder}/tags.yaml says that the tags are of the family {layout.family}, but the "
                 f"photos show {family}; write that there."
             )
     return seen
+
+
+def _cameras_of(capture: Capture, photos: Sequence[Photo], settings: ReconstructParameters, seed: int) -> Cameras:
+    if isinstance(capture.tags, KnownLength):
+        return find_cameras_by_length(photos, capture.tags, capture.intrinsics, settings, seed)
+    seen = tags_in_photos(capture, capture.tags, photos)
+    check_sightings({name: its.tags for name, its in seen.items()}, capture.tags, settings.alignment)
+    return find_cameras(photos, seen, capture.tags, capture.scene, capture.intrinsics, settings, seed)
 
 
 def reconstruct(capture: Capture, settings: ReconstructParameters, seed: int, workers: Workers) -> Reconstruction:
@@ -110,9 +120,7 @@ def reconstruct(capture: Capture, settings: ReconstructParameters, seed: int, wo
         check_device(settings.splat.device)
     photos = read_photos(capture, settings.largest_side)
     normals = normal_files(capture, photos) if settings.method == "2dgs" else {}
-    seen = tags_in_photos(capture, photos)
-    check_sightings({name: its.tags for name, its in seen.items()}, capture.tags, settings.alignment)
-    cameras = find_cameras(photos, seen, capture.tags, capture.scene, capture.intrinsics, settings, seed)
+    cameras = _cameras_of(capture, photos, settings, seed)
     views = undistort_all(cameras.views)
     dense = dense_objects(views, capture.scene, settings.sweep, settings.surface, workers)
     priors = {
@@ -194,13 +202,21 @@ def _shares(counts: NDArray[np.int64]) -> dict[str, float]:
     return {name: float(((counts >= low) & (counts <= high)).mean()) for name, (low, high) in limits.items()}
 
 
+def _alignment_figures(alignment: Alignment) -> dict[str, float]:
+    return {
+        "corners_used": alignment.corners_used,
+        "alignment_mm": 1000 * alignment.residual,
+        "alignment_mm_max": 1000 * alignment.largest_residual,
+    }
+
+
 def metrics_of(result: Reconstruction, method: str, truth: Truth | None) -> dict[str, Any]:
     """Return the figures of ``metrics.json``; lengths in mm, as people say them.
 
     Raises:
         UserError: see :func:`true_surfaces`.
     """
-    cameras = result.cameras
+    cameras, alignment = result.cameras, result.cameras.alignment
     metrics: dict[str, Any] = {
         "method": method,
         "normal_prior": "folder" if result.normal_prior else "none",
@@ -211,10 +227,8 @@ def metrics_of(result: Reconstruction, method: str, truth: Truth | None) -> dict
         "dropped": cameras.dropped,
         "sparse_points": len(cameras.points),
         "reprojection_px": cameras.reprojection,
-        "tags_located": len(cameras.alignment.tags),
-        "corners_used": cameras.alignment.corners_used,
-        "alignment_mm": 1000 * cameras.alignment.residual,
-        "alignment_mm_max": 1000 * cameras.alignment.largest_residual,
+        "tags_located": len(alignment.tags) if alignment else 0,
+        **({} if alignment is None else _alignment_figures(alignment)),
         "cameras": cameras.facts,
         "objects": {},
     }

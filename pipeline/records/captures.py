@@ -3,14 +3,16 @@
 Layout::
 
     images/            photos, JPEG, PNG or HEIC, any sizes; EXIF orientation is honoured
-    tags.yaml          family and size of the tags, and where they lie (``tag_layouts.py``)
-    scene.yaml         the support plane, and per object where it stands and the box that encloses it
+    tags.yaml          family and size of the tags, and where they lie (``tag_layouts.py``); not with a known length
+    scene.yaml         the support plane, per object where it stands and the box that encloses it, and perhaps a known
+                       length that takes the place of tags
     intrinsics.yaml    optional: a calibrated camera; estimated from the photos when absent
     masks/             optional: <image stem>.png, white where the photo may be used
     normals/           optional: <image stem>.npy or .png, unit normals in the camera frame (x right, y down, z forward)
     gt/                optional: <object>.ply, the true surface in the scene frame, and cameras.json: only for measuring
 
-The scene frame is the one in which ``tags.yaml`` and ``scene.yaml`` give positions: metres, z up.
+The scene frame is the one in which ``tags.yaml`` and ``scene.yaml`` give positions: metres, z up. With a known length
+its origin is the first of the two points, dropped onto the support, and x points to the second.
 """
 
 from __future__ import annotations
@@ -68,10 +70,26 @@ class SceneObject(Strict):
         return np.asarray(local @ T[:3, :3].T + T[:3, 3])
 
 
+class KnownLength(Strict):
+    """The scale of a capture without tags: two points that photos show, and how far apart they are."""
+
+    # per photo (name without suffix) where it shows the point: pixels from the top left corner of the upright photo
+    between: tuple[dict[str, tuple[float, float]], dict[str, tuple[float, float]]]
+    metres: float = Field(gt=0.005, le=5.0)
+
+    @model_validator(mode="after")
+    def _marked_twice(self) -> KnownLength:
+        for which, marks in zip(("first", "second"), self.between, strict=True):
+            if len(marks) < 2:
+                raise ValueError(f"between: mark the {which} point in two photos or more, from different directions")
+        return self
+
+
 class Scene(Strict):
     """``scene.yaml``."""
 
     support_plane: float = 0.0  # m, z on which the objects stand
+    scale: KnownLength | None = None  # in place of tags.yaml
     objects: dict[str, SceneObject] = Field(min_length=1)
 
 
@@ -127,7 +145,7 @@ class Capture:
 
     folder: Path
     images: tuple[Path, ...]  # in the order of their names
-    tags: TagLayout
+    tags: TagLayout | KnownLength  # or the known length that takes the place of tags
     scene: Scene
     intrinsics: Intrinsics | None
 
@@ -238,6 +256,18 @@ def _check_scene(path: Path, scene: Scene) -> None:
             )
 
 
+def _check_scale(folder: Path, scale: KnownLength, images: tuple[Path, ...]) -> None:
+    if (folder / "tags.yaml").exists():
+        raise UserError(
+            f"{folder} has both tags.yaml and `scale` in scene.yaml; remove one (tags are the more accurate)."
+        )
+    lost = sorted({name for marks in scale.between for name in marks} - {image.stem for image in images})
+    if lost:
+        raise UserError(
+            f"{folder}/scene.yaml: scale.between: {lost[0]} is no photo in images/; write its name without .jpg."
+        )
+
+
 def read_tags(path: Path) -> TagLayout:
     """Read ``tags.yaml``; raises as :func:`read_capture`."""
     return _read_yaml(path, TagLayout)
@@ -268,7 +298,10 @@ def read_capture(folder: Path) -> Capture:
         raise UserError(f"the capture folder {folder} is missing; {mend}.")
     images = _images(folder)
     _check_beside(folder, images)
-    tags, scene = read_tags(folder / "tags.yaml"), read_scene(folder / "scene.yaml")
+    scene = read_scene(folder / "scene.yaml")
+    if scene.scale is not None:
+        _check_scale(folder, scene.scale, images)
+    tags = scene.scale or read_tags(folder / "tags.yaml")
     source = folder / "intrinsics.yaml"
     return Capture(folder, images, tags, scene, read_intrinsics(source) if source.exists() else None)
 
