@@ -3,7 +3,7 @@
 The completed solid is the convex hull of four things: what is seen; its mirror image in the vertical plane through the
 object's middle that faces the camera, but for points where the camera sees through to something farther; what is seen
 just over the table, continued down to it; and one point of the table under the middle, as the object stands somewhere.
-The middle is where the outline is widest: left and right outlines of a symmetric object lie in that plane.
+The middle is where the object would be as deep as it is wide, or nearer if the camera then sees through its mirror image.
 
 Frame of what is believed: upright, origin at the completed solid's centre of mass, x towards the camera.
 """
@@ -23,7 +23,8 @@ from pipeline.records.poses import inverse_pose, transform_points
 if TYPE_CHECKING:
     import trimesh
 
-OUTLINE = 0.003  # m from the outermost points, left and right, that counts as outline
+MIDDLES = 9  # places of the middle that are tried
+HIDDEN = 0.97  # share of the mirror image that the camera must not see through
 FOOT = 0.008  # m over the cut at the table: what is seen there is taken to go on downwards
 
 
@@ -42,10 +43,14 @@ def completed(view: View) -> trimesh.Trimesh:
 
     points = view.points
     x, y = points[:, 0], points[:, 1]
-    sides = [x[y < y.min() + OUTLINE], x[y > y.max() - OUTLINE]]
-    middle = float(np.mean([(side.min() + side.max()) / 2 for side in sides]))
-    mirrored = points * [-1, 1, 1] + [2 * middle, 0, 0]
-    both = np.concatenate([points, mirrored[hidden(view, mirrored)]])
+    nearest = (x.min() + x.max()) / 2
+    farthest = min(nearest, x.max() - np.ptp(y) / 2)
+    for middle in np.linspace(farthest, nearest, MIDDLES):
+        mirrored = points * [-1, 1, 1] + [2 * middle, 0, 0]
+        covered = hidden(view, mirrored)
+        if covered.mean() >= HIDDEN:
+            break
+    both = np.concatenate([points, mirrored[covered]])
     foot = both[both[:, 2] < TABLE + FOOT] * [1, 1, 0]
     standing = np.array([[middle, (y.min() + y.max()) / 2, 0.0]])
     return trimesh.convex.convex_hull(np.concatenate([both, foot, standing]))
