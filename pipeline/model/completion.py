@@ -3,7 +3,7 @@
 The completed solid is the convex hull of four things: what is seen; its mirror image in the vertical plane through the
 object's middle that faces the camera, but for points where the camera sees through to something farther; what is seen
 just over the table, continued down to it; and one point of the table under the middle, as the object stands somewhere.
-The middle is where the object would be as deep as it is wide, or nearer if the camera then sees through its mirror image.
+The middle is where the object would be as deep as it is wide, or nearer if the camera sees through that mirror image.
 
 Frame of what is believed: upright, origin at the completed solid's centre of mass, x towards the camera.
 """

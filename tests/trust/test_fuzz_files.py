@@ -19,8 +19,8 @@ from pipeline.records.gltf import split
 from pipeline.records.tables import MERGED, read_table, write_table
 from tests.evaluate.conftest import GROUPS, HAND
 from tests.pairs import PAIR
-from tests.records.test_shapes_of_strangers import collada, threemf
 from tests.propose.test_clouds import pcd
+from tests.records.test_shapes_of_strangers import collada, threemf
 from tests.trust.damage import damaged, edits, examples, valid_or_one_sentence
 
 
