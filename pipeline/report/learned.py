@@ -68,9 +68,7 @@ def load_learned(quality: Mapping[tuple[str, str], Mapping[str, Any]], samples: 
         history=[{str(name): value for name, value in row.items()} for row in history],
         quality=quality,
         samples=samples,
-        view=read_json(paths.MODEL_FOLDER / "model.json", "run `dvc repro train` to make it again").get(
-            "view", "whole"
-        ),
+        view=config.get("view", "whole"),
         objectives=read_comparison(OBJECTIVES_FILE, OBJECTIVES),
         ablation=read_comparison(ABLATION_FILE, ABLATION),
     )

@@ -250,6 +250,8 @@ def training_identity(examples: Examples, settings: TrainingParameters, seed: in
     digest = hashlib.sha256(f"{settings.model_dump_json(exclude=names)} {values}".encode())
     for array in (examples.grasps.T_hand_object, examples.grasps.q, examples.pair, examples.clouds.points):
         digest.update(np.ascontiguousarray(array).tobytes())
+    if examples.frames is not None:
+        digest.update(examples.frames.tobytes())
     return digest.hexdigest()
 
 
