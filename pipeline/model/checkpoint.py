@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 import torch
+from pydantic import TypeAdapter
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
@@ -23,7 +24,7 @@ from pipeline.model.network import GraspModel
 from pipeline.model.representation import Normalisation
 from pipeline.records.errors import UserError
 from pipeline.records.hands import ALLEGRO
-from pipeline.records.parameters.train import DenoiserParameters, DiffusionParameters, EncoderParameters
+from pipeline.records.parameters.train import DenoiserParameters, DiffusionParameters, EncoderParameters, View
 from pipeline.records.texts import parse_json
 from pipeline.records.writing import whole_folder, write_json
 
@@ -46,6 +47,7 @@ class Checkpoint:
     pairs: tuple[tuple[str, str], ...]  # trained together
     held_out: dict[str, list[int]]  # "pinch.cube" -> single grasps that no training example has a part in
     weights: dict[str, Tensor]
+    view: View = "whole"  # what it sees of objects, as train.data.view
 
     def model(self, device: str = "cpu") -> GraspModel:
         """Return the network, ready to predict."""
@@ -73,6 +75,8 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint, history: list[dict[st
         "held_out": checkpoint.held_out,
         "pairs": [list(pair) for pair in checkpoint.pairs],
     }
+    if checkpoint.view != "whole":  # what a model without the entry sees
+        config["view"] = checkpoint.view
     with whole_folder(folder) as temporary:
         save_file(
             {name: value.contiguous() for name, value in checkpoint.weights.items()}, temporary / "model.safetensors"
@@ -123,6 +127,7 @@ def read_checkpoint(folder: Path) -> Checkpoint:
             ),
             pairs=tuple((first, second) for first, second in config["pairs"]),
             held_out={name: [int(index) for index in own] for name, own in config["held_out"].items()},
+            view=TypeAdapter(View).validate_python(config.get("view", "whole")),
             weights=load_file(folder / "model.safetensors"),
         )
         _check(checkpoint)

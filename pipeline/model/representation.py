@@ -113,6 +113,11 @@ def nearest_rotation(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
     return (U * sign[..., None, :]) @ V
 
 
+def in_frames(grasps: GraspBatch, T_object_frame: NDArray[np.float64]) -> GraspBatch:
+    """Return the same grasps, of objects in other frames, whose poses in the old ones are (B, n, 4, 4)."""
+    return GraspBatch(grasps.T_hand_object @ T_object_frame, grasps.q)
+
+
 def turn_objects(grasps: GraspBatch, angles: NDArray[np.float64]) -> GraspBatch:
     """Return the same grasps of objects whose frames are turned about their z axis by angles (B, n), rad.
 

@@ -17,8 +17,10 @@ from pipeline.hand.support import support_of
 from pipeline.merge.search import Inputs, merging
 from pipeline.pairing.grasps import distinct_grasps, validated_grasps
 from pipeline.pairing.task import groups_of, task_of
+from pipeline.records.errors import UserError
 from pipeline.records.objects import PreparedObject
 from pipeline.records.parameters.picks import PickParameters, narrowed, waiting_fingers
+from pipeline.records.paths import MODEL_FOLDER
 from pipeline.records.poses import pose_matrix
 from pipeline.robustness.measures import measuring
 from pipeline.sample.proposals import checking, draw_grasps, pair_energy, request_of, trained_for
@@ -41,9 +43,14 @@ def by_model(
         count: accepted grasps wanted.
 
     Raises:
-        UserError: there is no trained model.
+        UserError: there is no trained model, or it does not see whole objects.
     """
     checkpoint = trained_for(hand)
+    if checkpoint.view != "whole":
+        raise UserError(
+            f"{MODEL_FOLDER} was trained on views of one camera, but a file does not say where its camera stood; train "
+            "with train.data.view: whole, or use --method synthesize."
+        )
     settings = parameters["train.sampling"]
     enough = settings.model_copy(update={"grasps": count, "draws": max(settings.draws, 2 * count)})
     seen = (points[0], points[1])

@@ -42,6 +42,7 @@ class Learned:
     history: Sequence[Mapping[str, float]]  # rows of history.csv
     quality: Mapping[tuple[str, str], Mapping[str, Any]]  # per pair, see `load_quality`
     samples: Sequence[PairMerge]  # outcomes of the samples that were tried
+    view: str = "whole"  # what the model saw of objects, as train.data.view
     objectives: Comparison | None = None  # published ones, of other runs
     ablation: Comparison | None = None
 
@@ -62,10 +63,12 @@ def load_learned(quality: Mapping[tuple[str, str], Mapping[str, Any]], samples: 
         raise UserError(
             f"{paths.MODEL_FOLDER}/history.csv is missing or damaged; run `dvc repro train` to make it again."
         ) from error
+    config = read_json(paths.MODEL_FOLDER / "model.json", "run `dvc repro train` to make it again")
     return Learned(
         history=[{str(name): value for name, value in row.items()} for row in history],
         quality=quality,
         samples=samples,
+        view=config.get("view", "whole"),
         objectives=read_comparison(OBJECTIVES_FILE, OBJECTIVES),
         ablation=read_comparison(ABLATION_FILE, ABLATION),
     )
@@ -94,6 +97,7 @@ def learned_summary(learned: Learned, trials: Sequence[PairTrials]) -> dict[str,
     """
     last = learned.history[-1]
     values: dict[str, float | int] = {"train.steps": int(last["step"]), "train.training_loss": last["training_loss"]}
+    values["train.single_view"] = int(learned.view == "single")
     if "held_out_loss" in last:
         values["train.validation_loss"] = last["held_out_loss"]
     if "held_out_pair_loss" in last:
@@ -136,6 +140,7 @@ def learned_section(learned: Learned) -> Markup:
         bars = [("all pairs", {PASSED: sum(one.accepted for one in learned.samples), **rejected})]
     return render(
         "learned.html",
+        view=learned.view,
         losses=loss_curves(learned.history),
         quality=_quality_table(learned) if few else _quality_spreads(learned),
         outcomes=stacked_bars(bars, PASSED, "Outcomes of samples per pair", "pair"),

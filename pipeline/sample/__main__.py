@@ -6,12 +6,15 @@ of ``merge``, and ``quality.json``.
 
 `--source reconstructed` draws them for objects as photos show them, the pairs under ``reconstructed`` in params.yaml.
 It knows nothing else of the objects, and writes ``data/sample/reconstructed`` in the frames of the reconstructions.
+
+A model that was trained with `train.data.view: single` sees each object, or its reconstruction, from one camera, and so
+do refinement, ranking and checks: they are given the solid that is completed from that view.
 """
 
 from __future__ import annotations
 
 import argparse
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 from pipeline.records import paths
@@ -54,9 +57,12 @@ def sample(source: str, only: str) -> None:
         else _Prepared(parameters, only)
     )
 
+    from pipeline.compute.pool import Calls
     from pipeline.compute.shared import Shared
     from pipeline.hand.model import load_hand
+    from pipeline.records.kept import without_grid
     from pipeline.records.tables import MERGED, of_hand
+    from pipeline.sample.believed import believed, drawn_in_frames, table_in_frames
     from pipeline.sample.proposals import Model, request_of, sampling, trained_for
     from pipeline.stages.seeds import item_seed
 
@@ -73,7 +79,14 @@ def sample(source: str, only: str) -> None:
             seed = item_seed(parameters["seed"], "train", seen.identity, first, second) % 2**31
             objects = seen.objects(first, second)
             points = (objects[0].surface_points, objects[1].surface_points)
+            frames = None
+            if checkpoint.view == "single":
+                calls = [(slot, without_grid(item)) for slot, item in enumerate(objects)]
+                (objects, points, frames) = zip(*(yield Calls(partial(believed, seed), calls, 0.0, 0.05)), strict=True)
             table, drawn, figures = yield from sampling(model, request_of(parameters, hand, objects, points, seed))
+            if frames is not None:
+                table, drawn = table_in_frames(table, frames), drawn_in_frames(drawn, frames)
+                figures["view"] = checkpoint.view
             if source != paths.RECONSTRUCTED:
                 merged = _merged(hand, first, second)
                 known = {"trained": (first, second) in checkpoint.pairs, "held_out": {}, "held_out_by_training": {}}

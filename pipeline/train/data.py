@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.model.clouds import Clouds, prepare_cloud, stack
+from pipeline.model.completion import belief_of
 from pipeline.model.held_out import STYLES, unseen_rows
 from pipeline.model.representation import GraspBatch, grasps_of
 from pipeline.records.errors import UserError
@@ -30,6 +31,7 @@ class Examples:
     split: NDArray[np.str_]  # (N,) "training", "held_out" (a single grasp is unseen), "held_out_pair" (the pair is)
     held_out: dict[str, list[int]]  # "pinch.cube" -> single grasps that are kept from training, by id
     clouds: Clouds  # object by object, draw by draw
+    frames: NDArray[np.float64] | None = None  # (C, 4, 4) pose of each cloud's frame in its object's; None: the same
 
     def pair_objects(self) -> NDArray[np.int64]:
         """Indices (P, 2) into ``objects``."""
@@ -99,8 +101,11 @@ def gather_examples(
     if not (split == "training").any():
         raise UserError("params.yaml: train.data keeps every grasp from training; lower held_out or held_out_pairs.")
     names = tuple(dict.fromkeys(name for name_pair in pairs for name in name_pair))
-    clouds = object_clouds([objects[name] for name in names], encoder, seed)
-    return Examples(names, pairs, grasps_of(rows), pair, split, held_out, clouds)
+    seen = [objects[name] for name in names]
+    clouds, frames = (
+        object_views(seen, encoder, seed) if data.view == "single" else (object_clouds(seen, encoder, seed), None)
+    )
+    return Examples(names, pairs, grasps_of(rows), pair, split, held_out, clouds, frames)
 
 
 def object_clouds(objects: Sequence[PreparedObject], settings: EncoderParameters, seed: int) -> Clouds:
@@ -112,3 +117,23 @@ def object_clouds(objects: Sequence[PreparedObject], settings: EncoderParameters
             for index in range(settings.clouds)
         ]
     )
+
+
+def object_views(
+    objects: Sequence[PreparedObject], settings: EncoderParameters, seed: int
+) -> tuple[Clouds, NDArray[np.float64]]:
+    """Return ``settings.clouds`` views of every object, one object after the other, and their frames (C, 4, 4).
+
+    Every view is of another camera. The frame of a view is that of :mod:`pipeline.model.completion`.
+
+    Raises:
+        UserError: an object cannot be seen whole by one camera.
+    """
+    clouds, frames = [], []
+    for item in objects:
+        for index in range(settings.clouds):
+            rng = item_generator(seed, "train", "view", item.name, index)
+            belief = belief_of(item, rng)
+            clouds.append(prepare_cloud(belief.points, settings, rng))
+            frames.append(belief.T_object_belief)
+    return stack(clouds), np.stack(frames)

@@ -31,7 +31,7 @@ from pipeline.hand.model import Hand
 from pipeline.model.checkpoint import Checkpoint
 from pipeline.model.diffusion import signal_and_noise, target
 from pipeline.model.network import CloudTensors, GraspModel, cloud_tensors
-from pipeline.model.representation import GraspBatch, fit_normalisation, to_vectors, turn_objects
+from pipeline.model.representation import GraspBatch, fit_normalisation, in_frames, to_vectors, turn_objects
 from pipeline.records.parameters.train import OptimizationParameters, TrainingParameters
 from pipeline.records.writing import whole_file
 from pipeline.stages.seeds import item_seed
@@ -61,6 +61,11 @@ class Source:
         self.rows = np.flatnonzero(examples.split == split)
         training = examples.grasps[examples.split == "training"]
         # Statistics of what is trained on; with turned frames, of turned grasps.
+        if examples.frames is not None:
+            objects = examples.pair_objects()[examples.pair[examples.split == "training"]]
+            draws = settings.encoder.clouds
+            seen = [in_frames(training, examples.frames[objects * draws + turn % draws]) for turn in range(TURNS)]
+            training = GraspBatch(np.concatenate([g.T_hand_object for g in seen]), np.tile(training.q, (TURNS, 1)))
         if settings.data.yaw_augmentation:
             turns = np.linspace(0, 2 * np.pi, TURNS, endpoint=False)
             turned = [turn_objects(training, np.full(training.T_hand_object.shape[:2], turn)) for turn in turns]
@@ -76,8 +81,11 @@ class Source:
         size = self.settings.optimization.batch
         rows = self.rows[rng.integers(len(self.rows), size=size)] if rows is None else rows
         objects, draws = len(self.examples.objects), self.settings.encoder.clouds
-        clouds = self.clouds.chosen(torch.as_tensor(np.arange(objects) * draws + rng.integers(draws, size=objects)))
+        chosen = np.arange(objects) * draws + rng.integers(draws, size=objects)
+        clouds = self.clouds.chosen(torch.as_tensor(chosen))
         grasps, pair = self.examples.grasps[rows], self.examples.pair[rows]
+        if self.examples.frames is not None:
+            grasps = in_frames(grasps, self.examples.frames[chosen[self.examples.pair_objects()[pair]]])
         if self.settings.data.yaw_augmentation:
             angles = rng.uniform(0, 2 * np.pi, objects)  # one per object, so that it is still encoded once
             grasps = turn_objects(grasps, angles[self.examples.pair_objects()[pair]])
@@ -189,6 +197,7 @@ def train(
         pairs=trained,
         held_out=examples.held_out,
         weights=weights,
+        view=settings.data.view,
     )
     return checkpoint, history
 
@@ -242,6 +251,8 @@ def training_identity(examples: Examples, settings: TrainingParameters, seed: in
     digest = hashlib.sha256(f"{settings.model_dump_json(exclude=names)} {values}".encode())
     for array in (examples.grasps.T_hand_object, examples.grasps.q, examples.pair, examples.clouds.points):
         digest.update(np.ascontiguousarray(array).tobytes())
+    if examples.frames is not None:
+        digest.update(examples.frames.tobytes())
     return digest.hexdigest()
 
 

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from pipeline.records.parameters.section import Section
 
+View = Literal["whole", "single"]
 Level = Annotated[list[int], Field(min_length=3, max_length=3)]
 
 
@@ -40,6 +41,11 @@ class TrainDataParameters(Section):
         description="Fraction of all objects that the model is not trained on, drawn from the seed one by one; all "
         "resting poses of a mesh together.",
     )
+    view: View = Field(
+        "whole",
+        description="What the model sees of an object, in training and in sampling: points all around it (`whole`), or "
+        "what one depth camera at 0.8 m sees (`single`). Paper: whole.",
+    )
     normalise: bool = Field(
         True, description="Normalise each dimension of a grasp to zero mean and unit variance. Paper's code: false."
     )
@@ -54,6 +60,12 @@ class TrainDataParameters(Section):
         description="Rotate object frames about the vertical by random angles in training. Paper's code: false, and "
         "incorrect if enabled.",
     )
+
+    @model_validator(mode="after")
+    def _turned_once(self) -> Self:
+        if self.yaw_augmentation and self.view == "single":
+            raise ValueError("yaw_augmentation turns frames that a single view turns to the camera; set one of them")
+        return self
 
 
 class EncoderParameters(Section):
