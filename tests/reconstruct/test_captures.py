@@ -11,7 +11,7 @@ from PIL import Image
 
 from pipeline.reconstruct.normal_maps import normal_files, read_normals, shrunk_normals
 from pipeline.reconstruct.photos import read_grey, read_photos, shrunk
-from pipeline.records.captures import Intrinsics, read_capture, read_truth
+from pipeline.records.captures import Intrinsics, Scene, read_capture, read_truth
 from pipeline.records.errors import UserError
 from pipeline.records.tag_layouts import TagLayout
 
@@ -282,13 +282,15 @@ def test_conventions_differ_by_half_a_turn():
 def test_the_examples_of_the_documentation_are_valid(repository, copy):
     text = (repository / "docs/capture.md").read_text()
     blocks = re.findall(r"^```yaml\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
-    tags, scene, captures = blocks
+    tags, scene, marked, captures = blocks
     (copy / "tags.yaml").write_text(tags)
     (copy / "scene.yaml").write_text(scene)
     capture = read_capture(copy)
     upright = capture.tags.corners()[2]
     assert np.allclose(upright[0] - upright[3], [0, 0, 0.06], atol=1e-5), "a tag that stands has its top above"
     assert set(capture.scene.objects) == {"cube"}
+    without_tags = Scene.model_validate(yaml.safe_load(marked))
+    assert set(without_tags.objects) == {"apple"} and without_tags.scale.metres == 0.297
     assert yaml.safe_load(captures)["captures"]["mine"] == {"folder": "data/raw/my_capture"}
 
 
