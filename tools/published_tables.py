@@ -22,10 +22,7 @@ from pipeline.report.paper import (
 from pipeline.report.rates import PairTrials, mean, pair_trials, wilson_interval
 
 STANDARD = {name: source.abbreviation for name, source in OF_ALL_PAIRS.items()}
-EARLIER_STAGE = "evaluate-harder"  # in results that were published before conditions were columns of one table
-STAGES = ("prepare", "synthesize", "validate", "merge", "train", "sample", "evaluate", STAGE, EARLIER_STAGE)
-# Names in results that were published before stages were named by style and source.
-EARLIER_SOURCES = {"data/merge": "synthesized", "data/train": "learned"}
+STAGES = ("prepare", "synthesize", "validate", "merge", "train", "sample", "evaluate", STAGE)
 BLOCK = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 Parameters = Mapping[str, Any]
 
@@ -128,36 +125,6 @@ def failures(trials: pd.DataFrame, tables: Sequence[str]) -> str:
     return markdown(["reason", *(STANDARD.get(name, f"`{name}`") for name in tables)], rows)
 
 
-def harder(trials: pd.DataFrame, parameters: Parameters) -> str:
-    """Successes under the settings of an earlier result, with grasps of one source each, beside standard trials."""
-    section = parameters["harder"]
-    pairs = [(first, second) for first, second in section["pairs"]]
-    sources = {
-        name: one["source"] if "source" in one else EARLIER_SOURCES[one["grasps"]]
-        for name, one in section["settings"].items()
-    }
-    standard = list(dict.fromkeys(sources.values()))
-    same = trials[trials["trial"] < section["trials"]]
-    columns = {
-        **{STANDARD[source]: of_pairs(same[same["table"] == source], pairs) for source in standard},
-        **{f"`{name}`": of_pairs(same[same["table"] == name], pairs) for name in sources},
-    }
-    rows = [
-        [f"{spoken(first)}, {spoken(second)}", *(str(own[index].successes) for own in columns.values())]
-        for index, (first, second) in enumerate(pairs)
-    ]
-    rows.append(["**mean**", *(f"**{percent(mean([p.success_rate for p in own]))}**" for own in columns.values())])
-    rows.append(["worst pair", *(percent(min(p.success_rate for p in own), 0) for own in columns.values())])
-    rows.append(
-        [
-            "by the released code's rule",
-            *(percent(mean([p.success_rate_10cm for p in own])) for own in columns.values()),
-        ]
-    )
-    rows.append(["no motion found", *(str(sum(p.planning_failures for p in own)) for own in columns.values())])
-    return markdown([f"successes of {section['trials']} trials", *columns], rows)
-
-
 def conditions(trials: pd.DataFrame, parameters: Parameters) -> str:
     """Success of every source under every condition: mean over pairs, 95 % interval of all trials, worst pair."""
     section = parameters["conditions"]
@@ -165,15 +132,15 @@ def conditions(trials: pd.DataFrame, parameters: Parameters) -> str:
     cells: dict[str, dict[str, str]] = {}
     for table, own in trials[trials["trial"] < section["trials"]].groupby("table", sort=False):
         series = series_of(str(table))
-        source, column = (series.source, f"{spoken(series.condition)}, {series.engine}") if series else (table, "paper")
+        source, condition = (series.source, f"`{series.condition}`, {series.engine}") if series else (table, "`paper`")
         tried = of_pairs(own, [pair for pair in _pairs_in(own) if series or pair in pairs])
         low, high = wilson_interval(sum(pair.successes for pair in tried), sum(pair.trials for pair in tried))
         rates = [pair.success_rate for pair in tried]
         text = f"**{percent(mean(rates))}** ({percent(low)} to {percent(high)}), worst {percent(min(rates), 0)}"
-        cells.setdefault(str(source), {})[column] = text
-    columns = list(dict.fromkeys(column for own in cells.values() for column in own))
-    rows = [[SOURCES[source].title, *(own.get(column, "") for column in columns)] for source, own in cells.items()]
-    return markdown(["", *columns], rows)
+        cells.setdefault(condition, {})[str(source)] = text
+    sources = list(dict.fromkeys(source for own in cells.values() for source in own))
+    rows = [[condition, *(own.get(source, "") for source in sources)] for condition, own in cells.items()]
+    return markdown(["condition, engine", *(SOURCES[source].title for source in sources)], rows)
 
 
 def _pairs_in(trials: pd.DataFrame) -> list[tuple[str, str]]:
@@ -200,17 +167,12 @@ def single_grasps(summary: Mapping[str, Any], durations: Mapping[str, Any], para
             rows.append(row)
         chains, passed, validated = (sum(own[column] for own in counts.values()) for column in range(3))
         if validated:
-            stages = tuple(f"{stage}{mark}" for stage in ("synthesize", "validate") for mark in _marks(style))
+            stages = tuple(f"{stage}@{style}" for stage in ("synthesize", "validate"))
             cost = f"{_cpu_seconds(durations, stages) / validated:.2f}"
             total = [str(chains), str(passed), str(validated), percent(validated / chains, 0)]
             rows.append(["**all**", style, *total, "", cost])
     header = ["object", "style", "chains", "passed", "validated", "survival", "paper", "CPU s per validated"]
     return markdown(header, rows)
-
-
-def _marks(part: str) -> tuple[str, str]:
-    """What follows a stage's name for a style or a source: ``validate@pinch``, earlier ``validate-pinch@cube``."""
-    return f"@{part}", f"-{part}@"
 
 
 def _cpu_seconds(durations: Mapping[str, Mapping[str, float]], stages: tuple[str, ...]) -> float:
@@ -232,7 +194,7 @@ def cost(durations: Mapping[str, Mapping[str, float]], trials: pd.DataFrame) -> 
     rows = []
     for kind in STAGES:
         others = [stage for stage in STAGES if stage.startswith(f"{kind}-")]
-        left_out = (*others, *(f"{kind}{mark}" for mark in _marks("reconstructed")))
+        left_out = (*others, f"{kind}@reconstructed")
         own = {
             stage: values
             for stage, values in durations.items()
@@ -248,8 +210,8 @@ def cost(durations: Mapping[str, Mapping[str, float]], trials: pd.DataFrame) -> 
         rows.append([*row, f"{own[longest]['wall_seconds'] / 60:.1f} (`{longest}`)", f"{memory / 1000:.1f}"])
     standard = trials["table"].isin(list(STANDARD))
     for name, stages, count in (
-        ("standard", tuple(f"evaluate{mark}" for source in STANDARD for mark in _marks(source)), standard.sum()),
-        ("other", (STAGE, EARLIER_STAGE), (~standard).sum()),
+        ("standard", tuple(f"evaluate@{source}" for source in STANDARD), standard.sum()),
+        ("other", (STAGE,), (~standard).sum()),
     ):
         if count:
             rows.append([f"one {name} trial", "", "", f"{_cpu_seconds(durations, stages) / int(count):.2f} s", "", ""])
@@ -267,14 +229,12 @@ def published_tables(
         parameters: the content of ``params.yaml``.
     """
     pairs = [(first, second) for first, seconds in partners_of(parameters).items() for second in seconds]
-    others = [name for name in trials["table"].unique() if name not in STANDARD]
-    section, of_section = ("harder", harder) if "harder" in parameters else ("conditions", conditions)
     return {
         "success": headline(trials, pairs),
         "synthesized": matrix(trials, "synthesized", parameters),
         "learned": matrix(trials, "learned", parameters),
-        "failures": failures(trials, [*STANDARD, *others]),
-        section: of_section(trials, parameters),
+        "failures": failures(trials, list(STANDARD)),
+        "conditions": conditions(trials, parameters),
         "single_grasps": single_grasps(summary, durations, parameters),
         "merges": merges(summary, parameters),
         "cost": cost(durations, trials),
