@@ -84,8 +84,12 @@ def _read(source: Path) -> tuple[NDArray[np.float64], trimesh.Trimesh | None]:  
         )
     try:
         if source.suffix.lower() in KINDS:
-            return guarded(read_cloud, source, cpu_seconds=READING_SECONDS, megabytes=READING_MEGABYTES), None
-        loaded = guarded(read_geometry_file, source, True, cpu_seconds=READING_SECONDS, megabytes=READING_MEGABYTES)
+            return guarded(
+                read_cloud, source.absolute(), cpu_seconds=READING_SECONDS, megabytes=READING_MEGABYTES
+            ), None
+        loaded = guarded(
+            read_geometry_file, source.absolute(), True, cpu_seconds=READING_SECONDS, megabytes=READING_MEGABYTES
+        )
     except (CallLost, OSError, ValueError) as error:
         said = " ".join(str(error).split()).rstrip(".") or type(error).__name__
         raise UserError(f"{source} cannot be read as a mesh or a point cloud: {said}.") from error
